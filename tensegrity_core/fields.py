@@ -1,0 +1,133 @@
+"""The list of fields that Python, the C kernel and both FMU runtimes share.
+
+Every real variable of a simulation (inputs, parameters, outputs) lives in one contiguous block of doubles, in the order
+of `FIELDS`; a variable's index in that block is its value reference in both FMUs.  Integer variables live in a second
+block, in the order of `INTEGER_FIELDS`; their value references follow those of the reals.
+
+Adding a field: add its row here, run ``python -m tensegrity_core.fields`` (rewrites native/fields.h), fill it in
+native/outputs.c (outputs) or read it in native/ (inputs, parameters), and give it a name in fmu_src/interface.py.
+
+This module imports nothing, so that the build can run it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Field(NamedTuple):
+    """One row.  shape: counts as named in `COUNTS`, row-major; role: input, tunable, fixed or output."""
+
+    name: str
+    role: str
+    shape: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+#: What a shape counts: letter -> meaning.
+COUNTS = {
+    "D": "axes that the scene uses: 3, or 2 in a planar scene",
+    "N": "nodes",
+    "F": "free nodes, in node order",
+    "G": "fixed nodes, in node order",
+    "B": "bars",
+    "S": "strings",
+    "H": "strings with an NSH, in string order",
+    "Z": "beams of all NSH strings, string by string",
+}
+
+FIELDS = (
+    Field("force", "input", ("F", "D"), "N", "external force on a free node, held over a step"),
+    Field("rest_length", "input", ("S",), "m", "rest length at the start of the next step"),
+    Field("rest_length_rate", "input", ("S",), "m/s", "rate of the rest length during the next step"),
+    Field("stiffness", "tunable", ("S",), "N/m", "k; of an NSH string: its stiffness once the NSH has bottomed out"),
+    Field("damping", "tunable", ("S",), "N.s/m", "d"),
+    Field("gravity", "tunable", (), "m/s2", "gravity, towards -z"),
+    Field("bar_mass", "fixed", ("B",), "kg", "m"),
+    Field("nsh_Q", "fixed", ("Z",), "N", "force scale of a beam, eq. 11"),
+    Field("nsh_zeta", "fixed", ("Z",), "1", "shape parameter of a beam, eq. 11"),
+    Field("nsh_h", "fixed", ("Z",), "m", "height of a beam's arch, eq. 11"),
+    Field("tolerance", "fixed", (), "1", "error per step: relative, and absolute in m and m/s"),
+    Field("max_step", "fixed", (), "s", "largest step of the integrator; 0: no limit"),
+    Field("position", "output", ("N", "D"), "m", "node positions"),
+    Field("velocity", "output", ("F", "D"), "m/s", "velocities of the free nodes"),
+    Field("string_force", "output", ("S",), "N", "tension, elastic and damping"),
+    Field("elastic_force", "output", ("S",), "N", "elastic tension"),
+    Field("string_length", "output", ("S",), "m", "xi"),
+    Field("bar_force", "output", ("B",), "N", "axial force, mean over the bar: -lambda l of eq. 1, tension positive"),
+    Field("reaction", "output", ("G", "D"), "N", "force of the ground on the structure at a fixed node"),
+    Field("kinetic", "output", (), "J", "kinetic energy"),
+    Field("potential", "output", (), "J", "gravitational potential energy, zero at z = 0"),
+    Field("elastic", "output", (), "J", "energy stored in the strings"),
+    Field("dissipated", "output", (), "J", "energy lost in dampers since the start"),
+    Field("input_work", "output", (), "J", "work of forces, rest lengths and parameter jumps since the start"),
+    Field("throughput", "output", (), "J", "integral of the sum of |power|, the scale of the energy ledger"),
+)
+
+INTEGER_FIELDS = (
+    Field("method", "fixed", (), "1", "integration method, index into METHODS"),
+    Field("snapped", "output", ("H",), "1", "beams of an NSH that are past their force maximum"),
+)
+
+#: Integration methods by name; the index is what the kernel and the FMU's enumeration use.
+METHODS = ("auto", "dop853", "rodas5p")
+
+#: Damping laws by name; see model.md's section on strings: what a string does while its damper exceeds its spring.
+DAMPING_LAWS = ("literal", "tension_only")
+
+
+def size(field: Field, counts: dict[str, int]) -> int:
+    """Number of values in `field` for a scene with these counts."""
+    n = 1
+    for letter in field.shape:
+        n *= counts[letter]
+    return n
+
+
+def layout(counts: dict[str, int], fields: tuple[Field, ...] = FIELDS) -> dict[str, slice]:
+    """Where each field stands in its block: name -> slice."""
+    places, at = {}, 0
+    for field in fields:
+        n = size(field, counts)
+        places[field.name] = slice(at, at + n)
+        at += n
+    return places
+
+
+def c_header() -> str:
+    """The same list as X-macros for the kernel: native/fields.h."""
+    lines = [
+        "/* Written by `python -m tensegrity_core.fields`; edit fields.py instead. */",
+        "#ifndef TENSEGRITY_FIELDS_H",
+        "#define TENSEGRITY_FIELDS_H",
+        "",
+        "enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };",
+        "",
+    ]
+    for macro, prefix, fields in (("TS_FIELDS", "TS_", FIELDS), ("TS_INT_FIELDS", "TS_INT_", INTEGER_FIELDS)):
+        lines.append(f"/* X(name, role, first count, second count): counts index ts_counts(), -1: none */\n#define {macro}(X) \\")
+        for field in fields:
+            shape = [f"TS_{letter}" for letter in field.shape] + ["-1", "-1"]
+            row = f"    X({prefix}{field.name.upper()}, TS_ROLE_{field.role.upper()}, {shape[0]}, {shape[1]})"
+            lines.append(f"{row} /* {field.unit}: {field.meaning} */ \\")
+        lines.append("")
+    lines += [
+        "#define TS_NAME(name, role, first, second) name,",
+        "enum { TS_FIELDS(TS_NAME) TS_FIELD_COUNT };",
+        "enum { TS_INT_FIELDS(TS_NAME) TS_INT_FIELD_COUNT };",
+        "#undef TS_NAME",
+        "",
+        "enum { " + ", ".join(f"TS_METHOD_{name.upper()}" for name in METHODS) + ", TS_METHOD_COUNT };",
+        "enum { " + ", ".join(f"TS_{name.upper()}" for name in DAMPING_LAWS) + " };",
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    from pathlib import Path
+
+    Path(__file__).with_name("native").joinpath("fields.h").write_text(c_header(), encoding="utf-8", newline="\n")

@@ -1,0 +1,278 @@
+"""The C kernel from Python: one `Kernel` is one simulation; `simulate` runs it over held inputs.
+
+The binding needs NumPy and the compiled library only, so that it can be packed into an FMU.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_void_p
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError, SimulationError, TensegrityError
+from .fields import COUNTS, FIELDS, INTEGER_FIELDS, METHODS, layout
+from .model import Model, to_bytes
+from .result import Result, Transition
+
+LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
+STATS = ("steps", "rejected", "rhs", "jacobians", "factorisations", "transitions", "restarts", "implicit_steps")
+
+
+class _Transition(ctypes.Structure):
+    _fields_ = [("time", c_double), ("string", c_int32), ("before", c_int32), ("after", c_int32), ("padding", c_int32)]
+
+
+_PROTOTYPES = {
+    "ts_create": (c_void_p, c_char_p, c_size_t, c_char_p, c_size_t),
+    "ts_free": (None, c_void_p),
+    "ts_counts": (None, c_void_p, POINTER(c_int32)),
+    "ts_values": (POINTER(c_double), c_void_p),
+    "ts_integers": (POINTER(c_int32), c_void_p),
+    "ts_time": (c_double, c_void_p),
+    "ts_message": (c_char_p, c_void_p),
+    "ts_status_name": (c_char_p, c_int),
+    "ts_check": (c_int, c_void_p, POINTER(c_int32)),
+    "ts_initialize": (c_int, c_void_p, c_double),
+    "ts_step": (c_int, c_void_p, c_double),
+    "ts_transition_count": (c_int64, c_void_p),
+    "ts_transition_stored": (c_int32, c_void_p),
+    "ts_transitions": (POINTER(_Transition), c_void_p),
+    "ts_stats": (None, c_void_p, POINTER(c_int64)),
+    "ts_state_size": (c_size_t, c_void_p),
+    "ts_save": (c_int, c_void_p, c_char_p, c_size_t),
+    "ts_restore": (c_int, c_void_p, c_char_p, c_size_t),
+    "ts_state_length": (c_int32, c_void_p),
+    "ts_get_state": (None, c_void_p, POINTER(c_double)),
+    "ts_derivative": (None, c_void_p, c_double, POINTER(c_double), POINTER(c_double)),
+    "ts_jacobian": (None, c_void_p, c_double) + (POINTER(c_double),) * 4,
+    "ts_string_law": (c_int, c_void_p, c_int32, c_double, POINTER(c_double)),
+    "ts_breakpoints": (c_int, c_void_p, c_int32, POINTER(c_double), c_int32),
+}
+
+
+def load_library(path: Path | None = None) -> ctypes.CDLL:
+    """The compiled kernel; path: the file, default beside this module's native sources."""
+    path = Path(path) if path is not None else Path(__file__).resolve().parent / "native" / LIBRARY
+    if not path.is_file():
+        raise TensegrityError(f"the compiled kernel {path} is missing; install the package: pip install -e .")
+    library = ctypes.CDLL(str(path))
+    for name, (result, *arguments) in _PROTOTYPES.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+def _pointer(array: np.ndarray):
+    return array.ctypes.data_as(POINTER(c_double))
+
+
+class Kernel:
+    """One simulation.
+
+    values: (n_real,) float64 view of inputs, parameters and outputs in the order of fields.FIELDS; integers: (n_int,)
+    int32 view in the order of INTEGER_FIELDS; layout, integer_layout: name -> slice; counts: letter -> count.
+    Parameters written before `initialize` take effect there, inputs and tunables written between steps at the next step.
+    A call that raises leaves the simulation as it was.
+    """
+
+    def __init__(self, model: Model | bytes, library: Path | None = None, **defaults):
+        """model: a Model, or the bytes of model.to_bytes; defaults: method, tolerance, max_step, see to_bytes."""
+        packed = model if isinstance(model, bytes) else to_bytes(model, **defaults)
+        self._library = load_library(library)
+        message = ctypes.create_string_buffer(256)
+        self._sim = self._library.ts_create(packed, len(packed), message, len(message))
+        if not self._sim:
+            raise TensegrityError(f"the packed model is refused: {message.value.decode()}")
+        counts = (c_int32 * len(COUNTS))()
+        self._library.ts_counts(self._sim, counts)
+        self.counts = dict(zip(COUNTS, counts))
+        self.layout, self.integer_layout = layout(self.counts), layout(self.counts, INTEGER_FIELDS)
+        n_real, n_int = self.layout[FIELDS[-1].name].stop, self.integer_layout[INTEGER_FIELDS[-1].name].stop
+        self.values = np.ctypeslib.as_array(self._library.ts_values(self._sim), (n_real,))
+        self.integers = np.ctypeslib.as_array(self._library.ts_integers(self._sim), (n_int,))
+        self.state_size = self._library.ts_state_size(self._sim)
+
+    def __del__(self):
+        if getattr(self, "_sim", None):
+            self._library.ts_free(self._sim)
+            self._sim = None
+
+    @property
+    def time(self) -> float:
+        """Time of the present state, s."""
+        return self._library.ts_time(self._sim)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """View of a field: (count,) values; outputs of the present state, inputs and parameters to write to."""
+        if name in self.layout:
+            return self.values[self.layout[name]]
+        return self.integers[self.integer_layout[name]]
+
+    def _message(self) -> str:
+        return self._library.ts_message(self._sim).decode()
+
+    def _raise(self, status: int):
+        name = self._library.ts_status_name(status).decode()
+        if name == "BAD_INPUT":
+            self.check()
+        if name in ("BAD_INPUT", "BAD_STEP", "BAD_STATE"):
+            raise InputError(self._message())
+        raise SimulationError(name.lower(), self._message(), self.time)
+
+    def place(self, index: int) -> tuple[str, int]:
+        """Field and place within the field of an index of the block (integers follow the reals)."""
+        for places, base in ((self.layout, 0), (self.integer_layout, len(self.values))):
+            for name, at in places.items():
+                if at.start <= index - base < at.stop:
+                    return name, index - base - at.start
+        raise IndexError(index)
+
+    def check(self) -> None:
+        """Raises InputError, naming field, place and value, where an input or parameter is outside its range."""
+        index = c_int32(-1)
+        if self._library.ts_check(self._sim, byref(index)):
+            name, place = self.place(index.value)
+            error = InputError(f"{name}[{place}] = {self[name][place]!r} {self._message()}")
+            error.index = index.value
+            raise error
+
+    def initialize(self, time: float = 0.0) -> None:
+        """Return to the scene's start at this time (s) under the present inputs and parameters; fills the outputs."""
+        status = self._library.ts_initialize(self._sim, time)
+        if status:
+            self._raise(status)
+
+    def step(self, h: float) -> None:
+        """Advance by h > 0 (s) under the present inputs and tunables; fills the outputs.
+
+        Raises InputError (a value outside its range, a bad h) or SimulationError (status says why).
+        """
+        status = self._library.ts_step(self._sim, h)
+        if status:
+            self._raise(status)
+
+    def save(self) -> bytes:
+        """The complete state."""
+        buffer = ctypes.create_string_buffer(self.state_size)
+        self._library.ts_save(self._sim, buffer, self.state_size)
+        return buffer.raw
+
+    def restore(self, state: bytes) -> None:
+        """Back to a saved state, to the last bit.  Raises InputError for bytes of another model or version, or damaged."""
+        status = self._library.ts_restore(self._sim, state, len(state))
+        if status:
+            self._raise(status)
+
+    @property
+    def transitions(self) -> list[Transition]:
+        """Transitions of the last step, the first 4096 of them; `transition_count` says how many there were."""
+        stored = self._library.ts_transition_stored(self._sim)
+        records = self._library.ts_transitions(self._sim)
+        return [Transition(r.time, r.string, r.before, r.after) for r in records[:stored]]
+
+    @property
+    def transition_count(self) -> int:
+        """Transitions of the last step."""
+        return self._library.ts_transition_count(self._sim)
+
+    @property
+    def stats(self) -> dict[str, int]:
+        """Counters since `initialize`."""
+        counts = (c_int64 * len(STATS))()
+        self._library.ts_stats(self._sim, counts)
+        return dict(zip(STATS, counts))
+
+    @property
+    def state(self) -> np.ndarray:
+        """Generalised state [q, q', dissipated, input work, throughput]; see native/motion.c."""
+        y = np.empty(self._library.ts_state_length(self._sim))
+        self._library.ts_get_state(self._sim, _pointer(y))
+        return y
+
+    def derivative(self, y: np.ndarray, tau: float = 0.0) -> np.ndarray:
+        """Right-hand side at a state under the present pieces; tau: time since the last communication point, s."""
+        y, dy = np.ascontiguousarray(y, dtype=float), np.empty_like(y, dtype=float)
+        self._library.ts_derivative(self._sim, tau, _pointer(y), _pointer(dy))
+        return dy
+
+    def jacobian(self, y: np.ndarray, tau: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of the accelerations by q, q' (n, n) and t (n,)."""
+        y, n = np.ascontiguousarray(y, dtype=float), (len(y) - 3) // 2
+        Jq, Jv, ft = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+        self._library.ts_jacobian(self._sim, tau, *(_pointer(a) for a in (y, Jq, Jv, ft)))
+        return Jq, Jv, ft
+
+    def string_law(self, string: int, elongation: float) -> tuple[float, float, float, int]:
+        """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m)."""
+        out = np.empty(3)
+        piece = self._library.ts_string_law(self._sim, string, elongation, _pointer(out))
+        return out[0], out[1], out[2], piece
+
+    def breakpoints(self, string: int) -> np.ndarray:
+        """Elongations (m) at the ends of the pieces of a string's force curve, from 0."""
+        out = np.empty(self._library.ts_breakpoints(self._sim, string, None, 0))
+        self._library.ts_breakpoints(self._sim, string, _pointer(out), len(out))
+        return out
+
+
+def _full(model: Model, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Spread a field of (rows, nodes x D) to (rows, N, 3)."""
+    out = np.zeros((len(values), len(model.nodes), 3))
+    out[:, nodes[:, None], list(model.axes)] = values.reshape(len(values), len(nodes), len(model.axes))
+    return out
+
+
+def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> Result:
+    """Run the kernel over held inputs (inputs.Inputs); the same signature and result as the reference.
+
+    Raises InputError for bad inputs and SimulationError where the kernel cannot go on.
+    """
+    if method not in METHODS:
+        raise InputError(f"method = {method!r} is not one of {', '.join(METHODS)}")
+    kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step)
+    axes, free, steps = list(model.axes), model.free_nodes, len(inputs.times) - 1
+    rows, snapped = np.empty((steps + 1, len(kernel.values))), np.empty((steps + 1, kernel.counts["H"]), dtype=int)
+    transitions: list[Transition] = []
+
+    def set_inputs(k):
+        kernel["force"][:] = inputs.force[k][np.ix_(free, axes)].ravel()
+        kernel["rest_length"][:] = inputs.rest_length[k]
+        kernel["rest_length_rate"][:] = inputs.rest_length_rate[k]
+
+    def record(k):
+        rows[k], snapped[k] = kernel.values, kernel["snapped"]
+
+    set_inputs(0)
+    kernel.initialize(inputs.times[0])
+    record(0)
+    for k in range(steps):
+        set_inputs(k)
+        kernel.step(inputs.times[k + 1] - inputs.times[k])
+        record(k + 1)
+        transitions += kernel.transitions
+    series = {name: rows[:, at] for name, at in kernel.layout.items()}
+    scalars = {n: series[n][:, 0] for n in ("kinetic", "potential", "elastic", "dissipated", "input_work", "throughput")}
+    return Result(
+        times=np.array(inputs.times),
+        position=_planar_offset(model, _full(model, np.arange(len(model.nodes)), series["position"])),
+        velocity=_full(model, free, series["velocity"]),
+        string_force=series["string_force"],
+        elastic_force=series["elastic_force"],
+        string_length=series["string_length"],
+        bar_force=series["bar_force"],
+        reaction=_full(model, model.fixed_nodes, series["reaction"]),
+        snapped=snapped,
+        transitions=transitions,
+        stats=kernel.stats,
+        **scalars,
+    )
+
+
+def _planar_offset(model: Model, position: np.ndarray) -> np.ndarray:
+    """The coordinate that a planar scene does not compute stays where the start has it."""
+    for axis in set(range(3)) - set(model.axes):
+        position[:, :, axis] = model.nodes[:, axis]
+    return position

@@ -1,0 +1,219 @@
+/* Transitions: a string crosses an end of its piece of the force curve (slack/taut, kinks of an NSH), or, under
+ * `tension_only`, its damper begins or ceases to outweigh its spring.
+ *
+ * Within a step every string keeps the formula of its piece, continued past its ends, so that the step is smooth.  A
+ * crossing is looked for at the step's end, at the stages and, where an elongation turned back, at its extremum; it is
+ * located on the dense output and counts once the elongation is `guard` (round-off) beyond the end. */
+#include "internal.h"
+
+#include <float.h>
+#include <math.h>
+
+#define SAMPLES 8 /* of the dense output where a crossing is suspected */
+
+/* Put a string on a piece. */
+void ts_place(ts_sim *sim, int i, int piece)
+{
+    const ts_model *m = &sim->m;
+    const ts_curve *c = sim->curve + i;
+    int D = m->count[TS_D];
+    double size = sim->values[m->at[TS_REST_LENGTH] + i];
+    sim->piece[i] = piece;
+    sim->lo[i] = piece == 0 ? -INFINITY : c->end[piece - 1];
+    sim->hi[i] = piece == 0 ? 0.0 : piece > c->pieces ? INFINITY : c->end[piece];
+    for (int d = 0; d < D; d++) {
+        size += fabs(m->s0[i * D + d]);
+        for (int k = 0; k < m->term_count[i]; k++) size += fabs(sim->y[m->term[4 * i + k].offset + d]);
+    }
+    sim->guard[i] = 2.0 * DBL_EPSILON * size;
+    if (piece == 0 || m->damping_law != TS_TENSION_ONLY) sim->clipped[i] = 0;
+}
+
+/* Untrimmed tension: positive where spring and damper together pull. */
+static double raw_tension(const ts_sim *sim, int i, double gap, double rate, double *scale)
+{
+    double slope, fs = ts_curve_force(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    double fd = sim->values[sim->m.at[TS_DAMPING] + i] * rate;
+    *scale = fabs(fs) + fabs(fd);
+    return fs + fd;
+}
+
+static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->piece[i] > 0; }
+
+/* Pieces of all strings from the elongations alone, at the start of a step whose inputs jumped.  An elongation on an end
+ * belongs to the piece it is moving into; at rest, to the lower one. */
+void ts_place_all(ts_sim *sim)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        const ts_curve *c = sim->curve + i;
+        double gap, rate, scale;
+        ts_string_state(sim, 0.0, sim->y, i, &gap, &rate);
+        int piece = ts_curve_piece(c, gap);
+        ts_place(sim, i, piece);
+        if (gap - sim->lo[i] <= sim->guard[i] && rate <= 0.0) ts_place(sim, i, piece - 1);
+        else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0) ts_place(sim, i, piece + 1);
+        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    }
+}
+
+/* How far a string is past what its piece (which < S) or its clipping (which >= S) allows; positive: crossed. */
+static double excess(const ts_sim *sim, int which, double gap, double rate)
+{
+    int S = sim->m.count[TS_S], i = which % S;
+    if (which < S) return fmax(sim->lo[i] - gap, gap - sim->hi[i]) - sim->guard[i];
+    double scale, T = raw_tension(sim, i, gap, rate, &scale);
+    return (sim->clipped[i] ? T : -T) - 1e-14 * (1.0 + scale);
+}
+
+typedef struct {
+    ts_sim *sim;
+    const ts_method *method;
+    double tau, h;
+} step;
+
+/* Elongation and rate of one string on the dense output: only the blocks it hangs on are interpolated. */
+static void at_theta(const step *s, double theta, int i, double *gap, double *rate)
+{
+    ts_sim *sim = s->sim;
+    const ts_term *t = sim->m.term + 4 * i;
+    int D = sim->m.count[TS_D], nq = sim->m.nq;
+    for (int k = 0; k < sim->m.term_count[i]; k++) {
+        s->method->interpolate(sim, theta, t[k].offset, D, sim->ytmp + t[k].offset);
+        s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->ytmp + nq + t[k].offset);
+    }
+    ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, gap, rate);
+}
+
+static double excess_at(const step *s, double theta, int which)
+{
+    double gap, rate;
+    at_theta(s, theta, which % s->sim->m.count[TS_S], &gap, &rate);
+    return excess(s->sim, which, gap, rate);
+}
+
+/* First theta in (a, b] where the excess is positive, given that it is at b and not at a: secant (Illinois) steps inside a
+ * shrinking bracket, down to round-off; returns the crossed side. */
+static double locate(const step *s, int which, double a, double b)
+{
+    double fa = excess_at(s, a, which), fb = excess_at(s, b, which);
+    double enough = which < s->sim->m.count[TS_S] ? s->sim->guard[which] : 0.0;
+    if (fa > 0.0) return a;
+    for (int n = 0, side = 0; n < 100 && fb > enough && b - a > DBL_EPSILON * b; n++) {
+        double c = n % 8 == 7 ? 0.5 * (a + b) : b - fb * (b - a) / (fb - fa);
+        if (!(c > a && c < b)) c = 0.5 * (a + b);
+        double fc = excess_at(s, c, which);
+        if (fc > 0.0) {
+            b = c, fb = fc;
+            if (side == 1) fa *= 0.5;
+            side = 1;
+        } else {
+            a = c, fa = fc;
+            if (side == -1) fb *= 0.5;
+            side = -1;
+        }
+    }
+    return b;
+}
+
+/* Place in (a, b) where the elongation turns: the root of its rate, by bisection and secant. */
+static double turning_point(const step *s, int i, double a, double ra, double b, double rb)
+{
+    for (int n = 0; n < 40 && b - a > 1e-9; n++) {
+        double gap, rc, c = n % 3 == 2 ? 0.5 * (a + b) : b - rb * (b - a) / (rb - ra);
+        if (!(c > a && c < b)) c = 0.5 * (a + b);
+        at_theta(s, c, i, &gap, &rc);
+        if ((rc > 0.0) == (ra > 0.0)) a = c, ra = rc;
+        else b = c, rb = rc;
+    }
+    return 0.5 * (a + b);
+}
+
+/* First crossing of one watch in (0, last], or 2. */
+static double scan(const step *s, int which, double last, int samples)
+{
+    ts_sim *sim = s->sim;
+    int S = sim->m.count[TS_S], i = which % S;
+    double a = 0.0, ra = sim->rate0[i];
+    for (int n = 1; n <= samples; n++) {
+        double b = last * n / samples, gap, rb;
+        at_theta(s, b, i, &gap, &rb);
+        if (excess(sim, which, gap, rb) > 0.0) return locate(s, which, a, b);
+        if (which < S && ra * rb < 0.0) {
+            double turn = turning_point(s, i, a, ra, b, rb);
+            if (excess_at(s, turn, which) > 0.0) return locate(s, which, a, turn);
+        }
+        a = b;
+        ra = rb;
+    }
+    return 2.0;
+}
+
+/* May the elongation have left its piece and come back?  Its tangents at the two ends meet beyond what it reached. */
+static int may_graze(const ts_sim *sim, int i, double h)
+{
+    double r0 = sim->rate0[i], r1 = sim->rate1[i];
+    if (!(r0 * r1 < 0.0)) return 0;
+    double meet = sim->gap0[i] + r0 * (sim->gap1[i] - sim->gap0[i] - r1 * h) / (r0 - r1);
+    return meet > sim->hi[i] || meet < sim->lo[i];
+}
+
+/* First transition in the step just accepted from tau to tau + h: theta in [0, 1] and the watch that crossed; -1: none. */
+double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which)
+{
+    int S = sim->m.count[TS_S], watches = sim->m.damping_law == TS_TENSION_ONLY ? 2 * S : S;
+    step s = {sim, method, tau, h};
+    double first = 2.0;
+    for (int w = 0; w < watches; w++) {
+        int i = w % S;
+        if (w >= S && !clips(sim, i)) continue;
+        int crossed = excess(sim, w, sim->gap1[i], sim->rate1[i]) > 0.0;
+        int doubtful = sim->outside[i] || (w < S && may_graze(sim, i, h));
+        if (!crossed && !doubtful) continue;
+        if (!sim->dense_ready) {
+            method->densify(sim, tau, h);
+            sim->dense_ready = 1;
+        }
+        double theta = scan(&s, w, first > 1.0 ? 1.0 : first, SAMPLES);
+        if (theta > 1.0 && crossed && first > 1.0) theta = 1.0; /* dense output and end differ by round-off */
+        if (theta < first) {
+            first = theta;
+            *which = w;
+        }
+    }
+    return first > 1.0 ? -1.0 : first;
+}
+
+static void change_piece(ts_sim *sim, double tau, int i, int piece)
+{
+    ts_memory *memory = &sim->memory;
+    if (sim->transition_count < TS_MAX_TRANSITIONS)
+        sim->transitions[sim->transition_count] =
+            (ts_transition){memory->time + (tau + memory->time_low), i, sim->piece[i], piece, 0};
+    sim->transition_count++;
+    memory->stats[TS_TRANSITIONS]++;
+    ts_place(sim, i, piece);
+}
+
+/* Carry out the transition that was located at the present state, and those of strings that stand at an end too and move
+ * out of their piece (symmetry). */
+void ts_switch(ts_sim *sim, double tau, int which)
+{
+    int S = sim->m.count[TS_S];
+    for (int i = 0; i < S; i++) {
+        double gap, rate, scale;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        if (i == which) {
+            int up = gap - sim->hi[i] > sim->lo[i] - gap;
+            change_piece(sim, tau, i, sim->piece[i] + (up ? 1 : -1));
+        } else if (gap - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) {
+            change_piece(sim, tau, i, sim->piece[i] + 1);
+        } else if (sim->lo[i] - gap >= -2.0 * sim->guard[i] && rate < 0.0) {
+            change_piece(sim, tau, i, sim->piece[i] - 1);
+        } else if (i + S != which) {
+            continue;
+        }
+        if (i + S == which) sim->clipped[i] = !sim->clipped[i];
+        else if (clips(sim, i) && sim->piece[i] == 1 && !sim->clipped[i])
+            sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    }
+}

@@ -1,0 +1,185 @@
+/* Const model, mutable data, workspace.  One simulation owns one of each; nothing else is shared.
+ *
+ * Generalised coordinates.  The state is a list of blocks of D numbers: a free bar has two blocks, its centre r and its
+ * vector b; a pinned bar has one, c = tip - base.  A node's position is (r or its anchor) + coef * block.  Blocks of bars
+ * carry the projector that keeps their length. */
+#ifndef TENSEGRITY_INTERNAL_H
+#define TENSEGRITY_INTERNAL_H
+
+#include "fields.h"
+#include "tensegrity.h"
+
+#define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
+#define TS_MAX_STEPS 2000000      /* per call of ts_step */
+#define TS_LEDGER 3               /* dissipated, input_work, throughput */
+#define TS_DEGREE 7               /* of the polynomials of an NSH's force curve */
+#define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
+
+typedef struct {
+    int32_t offset; /* of the block in q */
+    int32_t block;
+    double kappa; /* s = s0 + sum kappa * block; the generalised force of tension T on the block is -kappa T s/xi */
+} ts_term;
+
+/* Force curve of an NSH: pieces of polynomials in the elongation. */
+typedef struct {
+    int32_t pieces;  /* P; 0 for a plain string */
+    int32_t *rows;   /* (P) subintervals of each piece */
+    int32_t *first;  /* (P) first row of each piece */
+    int32_t *snapped; /* (P+2) beams past their force maximum in piece 0..P+1 */
+    double *end;     /* (P+1) elongation at the pieces' ends, m */
+    double *scale;   /* (P) subintervals per metre */
+    double *table;   /* rows of TS_ROW: J, then N */
+    double force_end, energy_end; /* at the last end: N, J */
+} ts_curve;
+
+typedef struct {
+    int32_t count[TS_COUNTS];
+    int32_t n_real, n_int;
+    int32_t at[TS_FIELD_COUNT];     /* first index of each field in the block of doubles */
+    int32_t int_at[TS_INT_FIELD_COUNT];
+    int32_t blocks, nq, ny;         /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
+    int32_t z_axis;                 /* local axis that is z, or -1 */
+    int32_t damping_law;            /* 0 literal, 1 tension_only */
+    uint64_t hash;                  /* of the packed model */
+
+    const int32_t *bars, *strings;  /* (B, 2), (S, 2) nodes */
+    const int32_t *fixed;           /* (N) */
+    const int32_t *beams;           /* (S) beams of the string's NSH, 0: none */
+    int32_t *beam_first;            /* (S) first of them among the Z */
+    int32_t *free_index;            /* (N) place among the free nodes; -1 - place among the fixed ones */
+    int32_t *bar_block;             /* (B) block of b or c */
+    int32_t *bar_centre;            /* (B) block of r, or -1 where pinned */
+    int32_t *bar_base;              /* (B) fixed node of a pinned bar, or -1 */
+    int32_t *block_bar;             /* (blocks) bar */
+    int32_t *block_turns;           /* (blocks) 1: a bar vector of constant length, 0: a centre */
+    int32_t *node_block;            /* (N) block of the bar vector, or -1 */
+    int32_t *node_centre;           /* (N) block of the centre, or -1 */
+    double *node_coef;              /* (N) 1: tip, +-1/2: end of a free bar */
+    double *anchor;                 /* (N, D) what the node's position adds to, m */
+    double *bar_length;             /* (B) m */
+    int32_t *term_count;            /* (S) */
+    ts_term *term;                  /* (S, 4) */
+    double *s0;                     /* (S, D) constant part of the string vector, m */
+    const double *start;            /* packed defaults of the doubles, inputs and parameters only */
+    double *y_start;                /* (ny) */
+    int32_t method_start;
+} ts_model;
+
+/* What a saved state holds besides the two blocks: everything that the next step depends on. */
+typedef struct {
+    double time;     /* s, at the last communication point */
+    double time_low; /* s, what rounding took from it so far */
+    double h_next;   /* s, step that the controller proposes; 0: none */
+    int32_t active;   /* method in use */
+    int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
+    int32_t patience; /* how many of them make `auto` leave the explicit method */
+    int32_t started;  /* ts_initialize() has been called */
+    int64_t stats[TS_STATS];
+} ts_memory;
+
+struct ts_sim {
+    ts_model m;
+    ts_curve *curve;     /* (S); derived from the parameters nsh_Q, nsh_zeta, nsh_h; equal ones share their table */
+    int32_t *curve_owner; /* (S) 1: the table is this string's */
+    int32_t curves_ready;
+    double *curve_key;   /* (3 Z) parameters the curves were built from */
+
+    /* saved */
+    ts_memory memory;
+    double *values;  /* (n_real) */
+    double *applied; /* (n_applied) inputs and parameters as the last step saw them */
+    double *y;       /* (ny) */
+    int32_t *integers; /* (n_int) */
+    int32_t *piece;  /* (S) */
+    int32_t *clipped; /* (S) tension_only: the damper outweighs the spring, no tension */
+    int32_t n_applied;
+
+    /* of the present step */
+    double *Qf;   /* (nq) generalised external force, N */
+    double *Qg;   /* (nq) the same with gravity, N */
+    double *inv;  /* (blocks) inverse inertia, 1/kg */
+    double *lo, *hi; /* (S) ends of the present piece, m */
+    double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
+    int32_t *outside; /* (S) set by the right-hand side when a string was out of its piece */
+
+    /* workspace */
+    double *gap, *gap_rate;     /* (S) elongation and its rate at the last right-hand side */
+    double *gap0, *rate0, *gap1, *rate1; /* (S) at the two ends of a step */
+    double *y1, *f0, *f1, *ytmp, *err; /* (ny) */
+    double *k;      /* (16, ny) stages */
+    double *cont;   /* (8, ny) dense output */
+    double *Jq, *Jv, *W; /* (nq, nq) */
+    double *ft, *lin; /* (nq), (4 nq) */
+    int32_t *pivot; /* (nq) */
+    double *backup;       /* (n_real + n_applied + ny), see simulation.c */
+    int32_t *backup_ints; /* (n_int + 2 S) */
+    double *node_force; /* (N, D) */
+    int32_t dense_ready;    /* densify() has been called for the step at hand */
+    int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
+    ts_transition *transitions;
+    int64_t transition_count;
+    char message[256];
+    void *arena; /* one allocation behind all of the above */
+    void *blob;
+};
+
+/* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, a row in methods.c, a
+ * name in fields.py. */
+typedef struct {
+    const char *name;
+    double exponent;    /* of the error in the step size control */
+    double growth;      /* largest growth of the step */
+    int implicit;
+    /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
+    double (*attempt)(ts_sim *sim, double tau, double h);
+    /* after acceptance: y1 has been put on the constraint; prepare dense output and f1 if the method carries it on */
+    void (*accept)(ts_sim *sim, double tau, double h);
+    /* further stages that dense output needs, done only when it is asked for */
+    void (*densify)(ts_sim *sim, double tau, double h);
+    /* components first..first+count-1 of y at tau + theta h */
+    void (*interpolate)(const ts_sim *sim, double theta, int first, int count, double *out);
+    int ledger_in_stages; /* the ledger's integrals are among the stages; else the driver integrates the dense output */
+} ts_method;
+
+extern const ts_method ts_dop853, ts_rodas5p;
+
+/* nsh.c */
+int ts_curve_build(ts_curve *c, int n, const double *Q, const double *zeta, const double *h);
+void ts_curve_free(ts_curve *c);
+double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *stiffness);
+double ts_curve_energy(const ts_curve *c, int piece, double x, double k);
+int ts_curve_piece(const ts_curve *c, double x);
+
+/* model.c */
+uint64_t ts_fnv(const void *bytes, size_t size);
+int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity);
+
+/* motion.c */
+void ts_prepare(ts_sim *sim);
+void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy);
+void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y);
+void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]);
+void ts_string_state(const ts_sim *sim, double tau, const double *y, int string, double *gap, double *rate);
+double ts_tension(const ts_sim *sim, int string, double gap, double rate, double *elastic);
+void ts_project(const ts_sim *sim, double *y);
+double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1);
+
+/* events.c */
+void ts_place(ts_sim *sim, int string, int piece);
+void ts_place_all(ts_sim *sim);
+double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which);
+void ts_switch(ts_sim *sim, double tau, int which);
+
+/* outputs.c */
+void ts_outputs(ts_sim *sim, double tau);
+double ts_stored_energy(const ts_sim *sim, double tau);
+
+/* integrate.c */
+int ts_integrate(ts_sim *sim, double h);
+
+/* linalg.c */
+int ts_lu(int n, double *A, int32_t *pivot);
+void ts_lu_solve(int n, const double *LU, const int32_t *pivot, double *b);
+
+#endif

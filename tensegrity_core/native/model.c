@@ -1,0 +1,262 @@
+/* Read a packed model, as written by to_bytes() in model.py, and lay out the simulation's memory.
+ *
+ * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, 0; fixed (N), bars (B, 2),
+ * strings (S, 2), beams (S), one 0 where the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), start
+ * values of all inputs and parameters; uint64: FNV-1a hash of everything before it. */
+#include "internal.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MAGIC "TSMODEL1"
+#define HEADER_INTS (TS_COUNTS + 4)
+
+uint64_t ts_fnv(const void *bytes, size_t size)
+{
+    const unsigned char *p = bytes;
+    uint64_t hash = 14695981039346656037u;
+    for (size_t i = 0; i < size; i++) hash = (hash ^ p[i]) * 1099511628211u;
+    return hash;
+}
+
+static const struct {
+    int role, first, second;
+} field_table[] = {
+#define ROW(name, role, first, second) {role, first, second},
+    TS_FIELDS(ROW) TS_INT_FIELDS(ROW)
+#undef ROW
+};
+
+static int field_size(const int32_t *count, int field)
+{
+    int n = 1;
+    if (field_table[field].first >= 0) n *= count[field_table[field].first];
+    if (field_table[field].second >= 0) n *= count[field_table[field].second];
+    return n;
+}
+
+static void lay_out(ts_model *m)
+{
+    m->n_real = m->n_int = 0;
+    for (int f = 0; f < TS_FIELD_COUNT; f++) {
+        m->at[f] = m->n_real;
+        m->n_real += field_size(m->count, f);
+    }
+    for (int f = 0; f < TS_INT_FIELD_COUNT; f++) {
+        m->int_at[f] = m->n_int;
+        m->n_int += field_size(m->count, TS_FIELD_COUNT + f);
+    }
+}
+
+/* Hands out aligned pieces of one allocation; with base NULL it only counts. */
+typedef struct {
+    char *base;
+    size_t used;
+} arena;
+
+static void *take(arena *a, size_t count, size_t size)
+{
+    size_t at = a->used;
+    a->used = (at + count * size + 15) & ~(size_t)15;
+    return a->base ? a->base + at : NULL;
+}
+
+#define TAKE(pointer, n) ((pointer) = take(a, (size_t)(n), sizeof *(pointer)))
+
+static void lay_out_arena(ts_sim *sim, arena *a)
+{
+    ts_model *m = &sim->m;
+    int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], D = m->count[TS_D], nq = m->nq, ny = m->ny;
+    TAKE(m->beam_first, S), TAKE(m->free_index, N);
+    TAKE(m->bar_block, B), TAKE(m->bar_centre, B), TAKE(m->bar_base, B);
+    TAKE(m->block_bar, m->blocks), TAKE(m->block_turns, m->blocks);
+    TAKE(m->node_block, N), TAKE(m->node_centre, N), TAKE(m->node_coef, N), TAKE(m->anchor, N * D);
+    TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->s0, S * D), TAKE(m->y_start, ny);
+    TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->curve_key, 3 * m->count[TS_Z]);
+    TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, ny);
+    TAKE(sim->integers, m->n_int), TAKE(sim->piece, S), TAKE(sim->clipped, S);
+    TAKE(sim->Qf, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
+    TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->outside, S);
+    TAKE(sim->gap, S), TAKE(sim->gap_rate, S);
+    TAKE(sim->gap0, S), TAKE(sim->rate0, S), TAKE(sim->gap1, S), TAKE(sim->rate1, S);
+    TAKE(sim->y1, ny), TAKE(sim->f0, ny), TAKE(sim->f1, ny), TAKE(sim->ytmp, ny), TAKE(sim->err, ny);
+    TAKE(sim->k, 16 * ny), TAKE(sim->cont, 8 * ny);
+    TAKE(sim->Jq, nq * nq), TAKE(sim->Jv, nq * nq), TAKE(sim->W, nq * nq);
+    TAKE(sim->ft, nq), TAKE(sim->lin, 4 * nq), TAKE(sim->pivot, nq);
+    TAKE(sim->backup, m->n_real + sim->n_applied + ny), TAKE(sim->backup_ints, m->n_int + 2 * S);
+    TAKE(sim->node_force, N * D), TAKE(sim->transitions, TS_MAX_TRANSITIONS);
+}
+
+/* Check counts and indices, so that a damaged file cannot lead outside the arrays.  A reason, or NULL. */
+static const char *check(const ts_model *m)
+{
+    int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], fixed = 0, beams = 0, with = 0;
+    for (int n = 0; n < N; n++) fixed += m->fixed[n] != 0;
+    for (int i = 0; i < 2 * B; i++)
+        if (m->bars[i] < 0 || m->bars[i] >= N) return "a bar names an unknown node";
+    for (int i = 0; i < 2 * S; i++)
+        if (m->strings[i] < 0 || m->strings[i] >= N) return "a string names an unknown node";
+    for (int i = 0; i < S; i++) {
+        if (m->beams[i] < 0 || m->beams[i] > m->count[TS_Z]) return "a string has a wrong number of beams";
+        beams += m->beams[i];
+        with += m->beams[i] > 0;
+    }
+    if (fixed != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
+    if (beams != m->count[TS_Z] || with != m->count[TS_H]) return "the beams do not add up";
+    return NULL;
+}
+
+/* Blocks of the generalised coordinates, and each node's place in them. */
+static const char *lay_out_bars(ts_model *m, const double *nodes)
+{
+    int D = m->count[TS_D], N = m->count[TS_N], block = 0;
+    for (int n = 0, f = 0, g = 0; n < N; n++) {
+        m->free_index[n] = m->fixed[n] ? -1 - g++ : f++;
+        m->node_block[n] = m->node_centre[n] = -1;
+        m->node_coef[n] = 0.0;
+        for (int d = 0; d < D; d++) m->anchor[n * D + d] = m->fixed[n] ? nodes[n * D + d] : 0.0;
+    }
+    for (int i = 0; i < m->count[TS_B]; i++) {
+        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = -1, tip = second;
+        double length = 0.0;
+        for (int d = 0; d < D; d++) length += pow(nodes[second * D + d] - nodes[first * D + d], 2);
+        m->bar_length[i] = sqrt(length);
+        if (!(length > 0.0 && length < INFINITY)) return "a bar has no length";
+        if (m->fixed[first] && m->fixed[second]) return "a bar has both ends fixed";
+        if (m->node_block[first] >= 0 || m->node_block[second] >= 0) return "a node belongs to two bars";
+        if (m->fixed[first]) base = first;
+        if (m->fixed[second]) base = second, tip = first;
+        m->bar_base[i] = base;
+        m->bar_centre[i] = base < 0 ? block++ : -1;
+        m->bar_block[i] = block++;
+        if (base < 0) m->block_bar[block - 2] = i, m->block_turns[block - 2] = 0;
+        m->block_bar[block - 1] = i, m->block_turns[block - 1] = 1;
+        m->node_block[tip] = m->bar_block[i];
+        m->node_coef[tip] = base < 0 ? 0.5 : 1.0;
+        if (base >= 0) {
+            for (int d = 0; d < D; d++) m->anchor[tip * D + d] = nodes[base * D + d];
+        } else {
+            m->node_block[first] = m->bar_block[i];
+            m->node_coef[first] = -0.5;
+            m->node_centre[first] = m->node_centre[second] = m->bar_centre[i];
+        }
+        for (int d = 0; d < D; d++) { /* start */
+            double a = nodes[first * D + d], b = nodes[second * D + d];
+            if (base < 0) m->y_start[m->bar_centre[i] * D + d] = 0.5 * (a + b);
+            m->y_start[m->bar_block[i] * D + d] = base < 0 ? b - a : nodes[tip * D + d] - nodes[base * D + d];
+        }
+    }
+    for (int n = 0; n < N; n++)
+        if (!m->fixed[n] && m->node_block[n] < 0) return "a free node has no bar";
+    return NULL;
+}
+
+static void add_node(ts_model *m, int string, int node, double sign)
+{
+    int D = m->count[TS_D];
+    ts_term *t = m->term + 4 * string + m->term_count[string];
+    for (int d = 0; d < D; d++) m->s0[string * D + d] += sign * m->anchor[node * D + d];
+    if (m->node_block[node] < 0) return;
+    if (m->node_centre[node] >= 0) {
+        *t++ = (ts_term){m->node_centre[node] * D, m->node_centre[node], sign};
+        m->term_count[string]++;
+    }
+    *t = (ts_term){m->node_block[node] * D, m->node_block[node], sign * m->node_coef[node]};
+    m->term_count[string]++;
+}
+
+static void lay_out_strings(ts_model *m)
+{
+    for (int i = 0, beam = 0; i < m->count[TS_S]; i++) {
+        add_node(m, i, m->strings[2 * i], -1.0);
+        add_node(m, i, m->strings[2 * i + 1], 1.0);
+        m->beam_first[i] = beam;
+        beam += m->beams[i];
+    }
+}
+
+/* Start velocities of the blocks, from the nodes'. */
+static void lay_out_velocity(ts_model *m, const double *velocity)
+{
+    int D = m->count[TS_D];
+    for (int i = 0; i < m->count[TS_B]; i++)
+        for (int d = 0; d < D; d++) {
+            double a = velocity[m->bars[2 * i] * D + d], b = velocity[m->bars[2 * i + 1] * D + d];
+            int flipped = m->bar_base[i] == m->bars[2 * i + 1];
+            if (m->bar_centre[i] >= 0) m->y_start[m->nq + m->bar_centre[i] * D + d] = 0.5 * (a + b);
+            m->y_start[m->nq + m->bar_block[i] * D + d] = flipped ? a - b : b - a;
+        }
+}
+
+static size_t int_count(const int32_t *count)
+{
+    size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 3 * (size_t)count[TS_S];
+    return n + n % 2;
+}
+
+static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
+{
+    ts_model *m = &sim->m;
+    int32_t head[HEADER_INTS];
+    uint64_t stored;
+    if (size < 8 + sizeof head + 8 || memcmp(bytes, MAGIC, 8)) return "not a model of this version";
+    memcpy(head, bytes + 8, sizeof head);
+    memcpy(&stored, bytes + size - 8, 8);
+    m->hash = ts_fnv(bytes, size - 8);
+    if (stored != m->hash) return "the checksum is wrong";
+    for (int i = 0; i < TS_COUNTS; i++)
+        if (head[i] < 0 || head[i] > 1000000) return "a count is out of range";
+    memcpy(m->count, head, sizeof m->count);
+    m->damping_law = head[TS_COUNTS];
+    m->method_start = head[TS_COUNTS + 1];
+    m->z_axis = head[TS_COUNTS + 2];
+    if (m->count[TS_D] != 2 && m->count[TS_D] != 3) return "neither planar nor 3D";
+    if (m->z_axis >= m->count[TS_D]) return "no such axis";
+    lay_out(m);
+    sim->n_applied = m->at[TS_POSITION];
+    size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
+    if (size != 8 + 4 * int_count(m->count) + 8 * doubles + 8) return "the length is wrong";
+    return NULL;
+}
+
+int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity)
+{
+    ts_model *m = &sim->m;
+    const char *reason = read_header(sim, bytes, size);
+    if (!reason && !(sim->blob = malloc(size))) reason = "out of memory";
+    if (!reason) {
+        memcpy(sim->blob, bytes, size);
+        const int32_t *ints = (const int32_t *)((char *)sim->blob + 8) + HEADER_INTS;
+        const double *nodes = (const double *)((char *)sim->blob + 8 + 4 * int_count(m->count));
+        int N = m->count[TS_N], D = m->count[TS_D];
+        m->fixed = ints;
+        m->bars = m->fixed + N;
+        m->strings = m->bars + 2 * m->count[TS_B];
+        m->beams = m->strings + 2 * m->count[TS_S];
+        m->start = nodes + 2 * N * D;
+        reason = check(m);
+        if (!reason) {
+            m->blocks = 0;
+            for (int i = 0; i < m->count[TS_B]; i++)
+                m->blocks += m->fixed[m->bars[2 * i]] || m->fixed[m->bars[2 * i + 1]] ? 1 : 2;
+            m->nq = m->blocks * D;
+            m->ny = 2 * m->nq + TS_LEDGER;
+            arena a = {NULL, 0};
+            lay_out_arena(sim, &a);
+            sim->arena = a.base = calloc(a.used + 16, 1);
+            a.used = 0;
+            if (!a.base) reason = "out of memory";
+            else lay_out_arena(sim, &a);
+        }
+        if (!reason) reason = lay_out_bars(m, nodes);
+        if (!reason) {
+            lay_out_strings(m);
+            lay_out_velocity(m, nodes + N * D);
+        }
+    }
+    if (!reason) return 1;
+    snprintf(message, capacity, "%s", reason);
+    return 0;
+}

@@ -1,0 +1,149 @@
+/* Outputs from the state at the end of a step. */
+#include "internal.h"
+
+#include <string.h>
+
+/* Potential and elastic energy under the present inputs and parameters (J). */
+static void energies(const ts_sim *sim, double tau, double *potential, double *elastic)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D], z = m->z_axis;
+    const double *mass = sim->values + m->at[TS_BAR_MASS];
+    *potential = *elastic = 0.0;
+    for (int i = 0; z >= 0 && i < m->count[TS_B]; i++) {
+        int base = m->bar_base[i];
+        double height = base >= 0 ? m->anchor[base * D + z] + 0.5 * sim->y[m->bar_block[i] * D + z]
+                                  : sim->y[m->bar_centre[i] * D + z];
+        *potential += mass[i] * sim->values[m->at[TS_GRAVITY]] * height;
+    }
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        double gap, rate;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        *elastic += ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[m->at[TS_STIFFNESS] + i]);
+    }
+}
+
+double ts_stored_energy(const ts_sim *sim, double tau)
+{
+    double potential, elastic;
+    energies(sim, tau, &potential, &elastic);
+    return potential + elastic;
+}
+
+static double kinetic(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    double sum = 0.0;
+    for (int b = 0; b < m->blocks; b++) /* 1/inv is the inertia of the block */
+        for (int d = 0; d < D; d++) {
+            double v = sim->y[m->nq + b * D + d];
+            sum += 0.5 * v * v / sim->inv[b];
+        }
+    return sum;
+}
+
+static void nodes(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int n = 0; n < m->count[TS_N]; n++) {
+        double *x = sim->values + m->at[TS_POSITION] + n * D;
+        const double *v = sim->y + m->nq;
+        for (int d = 0; d < D; d++) {
+            double position = m->anchor[n * D + d], velocity = 0.0;
+            if (m->node_centre[n] >= 0) {
+                position += sim->y[m->node_centre[n] * D + d];
+                velocity += v[m->node_centre[n] * D + d];
+            }
+            if (m->node_block[n] >= 0) {
+                position += m->node_coef[n] * sim->y[m->node_block[n] * D + d];
+                velocity += m->node_coef[n] * v[m->node_block[n] * D + d];
+            }
+            x[d] = position;
+            if (m->free_index[n] >= 0) sim->values[m->at[TS_VELOCITY] + m->free_index[n] * D + d] = velocity;
+        }
+    }
+}
+
+/* Tensions, and the forces of strings, loads and gravity on the nodes. */
+static void forces(ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    const double *rest = sim->values + m->at[TS_REST_LENGTH], *xd = sim->values + m->at[TS_REST_LENGTH_RATE];
+    const double *x = sim->values + m->at[TS_POSITION], *mass = sim->values + m->at[TS_BAR_MASS];
+    memset(sim->node_force, 0, sizeof(double) * (size_t)(m->count[TS_N] * D));
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        double gap, rate, fs, xi;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        xi = gap + (rest[i] + xd[i] * tau);
+        double T = ts_tension(sim, i, gap, rate, &fs), density = xi > 0.0 ? T / xi : 0.0;
+        sim->values[m->at[TS_STRING_FORCE] + i] = T;
+        sim->values[m->at[TS_ELASTIC_FORCE] + i] = fs;
+        sim->values[m->at[TS_STRING_LENGTH] + i] = xi;
+        for (int d = 0; d < D; d++) {
+            double f = density * (x[m->strings[2 * i + 1] * D + d] - x[m->strings[2 * i] * D + d]);
+            sim->node_force[m->strings[2 * i] * D + d] += f;
+            sim->node_force[m->strings[2 * i + 1] * D + d] -= f;
+        }
+    }
+    for (int n = 0; n < m->count[TS_N]; n++)
+        for (int d = 0; d < D && m->free_index[n] >= 0; d++)
+            sim->node_force[n * D + d] += sim->values[m->at[TS_FORCE] + m->free_index[n] * D + d];
+    for (int i = 0; m->z_axis >= 0 && i < m->count[TS_B]; i++)
+        for (int end = 0; end < 2; end++)
+            sim->node_force[m->bars[2 * i + end] * D + m->z_axis] -= 0.5 * mass[i] * sim->values[m->at[TS_GRAVITY]];
+}
+
+/* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
+static void reactions(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int n = 0; n < m->count[TS_N]; n++)
+        for (int d = 0; d < D && m->fixed[n]; d++)
+            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] = -sim->node_force[n * D + d];
+}
+
+/* Reactions of pinned bars, m c''/2 - f_base - f_tip; then with them the axial forces (eq. 1):
+ * -lambda l = J |b'|^2/l + b.(f2 - f1)/(2 l). */
+static void bars(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    const double *mass = sim->values + m->at[TS_BAR_MASS], *x = sim->values + m->at[TS_POSITION];
+    for (int i = 0; i < m->count[TS_B]; i++) {
+        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i];
+        double axial = 0.0, speed = 0.0, *f1 = sim->node_force + first * D, *f2 = sim->node_force + second * D;
+        const double *v = sim->f0 + m->bar_block[i] * D, *a = v + m->nq;
+        double *R = base < 0 ? NULL : sim->values + m->at[TS_REACTION] + (-1 - m->free_index[base]) * D;
+        for (int d = 0; d < D; d++) {
+            if (R) {
+                R[d] = 0.5 * mass[i] * a[d] - f1[d] - f2[d];
+                sim->node_force[base * D + d] += R[d];
+            }
+            axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - f1[d]);
+            speed += v[d] * v[d];
+        }
+        sim->values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar_length[i];
+    }
+}
+
+/* Fill all outputs; f0 is the derivative at the present state. */
+void ts_outputs(ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    double *out = sim->values;
+    nodes(sim);
+    forces(sim, tau);
+    reactions(sim);
+    bars(sim);
+    out[m->at[TS_KINETIC]] = kinetic(sim);
+    energies(sim, tau, out + m->at[TS_POTENTIAL], out + m->at[TS_ELASTIC]);
+    out[m->at[TS_DISSIPATED]] = sim->y[2 * m->nq];
+    out[m->at[TS_INPUT_WORK]] = sim->y[2 * m->nq + 1];
+    out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];
+    for (int i = 0, n = 0; i < m->count[TS_S]; i++)
+        if (m->beams[i]) sim->integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->curve[i].snapped[sim->piece[i]];
+}

@@ -1,0 +1,376 @@
+/* The public interface: life cycle, checks, steps that leave no trace when they fail, saved states. */
+#include "internal.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define STATE_MAGIC 0x3154415453534e54u /* "TNSSTAT1" */
+#define DEFAULT_PATIENCE 15
+
+static const char *const status_names[] = {
+#define TS_ERROR(name, text) #name,
+#include "errors.def"
+#undef TS_ERROR
+};
+
+static void say(ts_sim *sim, const char *text) { snprintf(sim->message, sizeof sim->message, "%s", text); }
+
+static void free_curves(ts_sim *sim)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        if (sim->curve_owner[i]) ts_curve_free(sim->curve + i);
+        sim->curve_owner[i] = 0;
+    }
+    sim->curves_ready = 0;
+}
+
+static int same_beams(const ts_sim *sim, int i, int j)
+{
+    const ts_model *m = &sim->m;
+    int n = m->beams[i];
+    if (m->beams[j] != n) return 0;
+    for (int f = TS_NSH_Q; f <= TS_NSH_H; f++) {
+        const double *p = sim->values + m->at[f];
+        if (memcmp(p + m->beam_first[i], p + m->beam_first[j], sizeof(double) * (size_t)n)) return 0;
+    }
+    return 1;
+}
+
+/* Force curves from the present parameters; equal ones share a table. */
+static int build_curves(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    size_t bytes = 3 * sizeof(double) * (size_t)m->count[TS_Z];
+    const double *parameters = sim->values + m->at[TS_NSH_Q];
+    if (sim->curves_ready && !memcmp(sim->curve_key, parameters, bytes)) return 1;
+    free_curves(sim);
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        int j = 0, first = m->beam_first[i];
+        while (j < i && !same_beams(sim, i, j)) j++;
+        if (j < i) {
+            sim->curve[i] = sim->curve[j];
+            continue;
+        }
+        sim->curve_owner[i] = 1;
+        if (!ts_curve_build(sim->curve + i, m->beams[i], sim->values + m->at[TS_NSH_Q] + first,
+                            sim->values + m->at[TS_NSH_ZETA] + first, sim->values + m->at[TS_NSH_H] + first)) {
+            free_curves(sim);
+            return 0;
+        }
+    }
+    memcpy(sim->curve_key, parameters, bytes);
+    sim->curves_ready = 1;
+    return 1;
+}
+
+ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity)
+{
+    ts_sim *sim = calloc(1, sizeof *sim);
+    if (!sim) {
+        snprintf(message, capacity, "out of memory");
+        return NULL;
+    }
+    if (!ts_model_read(sim, model, size, message, capacity)) {
+        free(sim->arena);
+        free(sim->blob);
+        free(sim);
+        return NULL;
+    }
+    memcpy(sim->values, sim->m.start, sizeof(double) * (size_t)sim->n_applied);
+    sim->integers[sim->m.int_at[TS_INT_METHOD]] = sim->m.method_start;
+    say(sim, "");
+    return sim;
+}
+
+void ts_free(ts_sim *sim)
+{
+    if (!sim) return;
+    free_curves(sim);
+    free(sim->arena);
+    free(sim->blob);
+    free(sim);
+}
+
+void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]) { memcpy(counts, sim->m.count, sizeof sim->m.count); }
+double *ts_values(ts_sim *sim) { return sim->values; }
+int32_t *ts_integers(ts_sim *sim) { return sim->integers; }
+double ts_time(const ts_sim *sim) { return sim->memory.time + sim->memory.time_low; }
+const char *ts_message(const ts_sim *sim) { return sim->message; }
+const char *ts_status_name(int status) { return status >= 0 && status < TS_STATUS_COUNT ? status_names[status] : "?"; }
+int64_t ts_transition_count(const ts_sim *sim) { return sim->transition_count; }
+int32_t ts_transition_stored(const ts_sim *sim)
+{
+    return sim->transition_count < TS_MAX_TRANSITIONS ? (int32_t)sim->transition_count : TS_MAX_TRANSITIONS;
+}
+const ts_transition *ts_transitions(const ts_sim *sim) { return sim->transitions; }
+void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
+
+/* Is a value of this field acceptable?  A reason why not, or NULL. */
+static const char *refuse(int field, double x)
+{
+    if (!isfinite(x)) return "is not a finite number";
+    switch (field) {
+    case TS_REST_LENGTH: return x < 0.0 ? "must not be negative" : NULL;
+    case TS_STIFFNESS:
+    case TS_DAMPING:
+    case TS_MAX_STEP: return x < 0.0 ? "must not be negative" : NULL;
+    case TS_BAR_MASS:
+    case TS_NSH_Q:
+    case TS_NSH_H: return x > 0.0 ? NULL : "must be positive";
+    case TS_NSH_ZETA: return x > 2.0 && x < 8.0 ? NULL : "must lie between 2 and 8 (a metastable beam)";
+    case TS_TOLERANCE: return x >= 1e-14 && x <= 0.1 ? NULL : "must lie between 1e-14 and 0.1";
+    default: return NULL;
+    }
+}
+
+int ts_check(ts_sim *sim, int32_t *index)
+{
+    const ts_model *m = &sim->m;
+    int method = sim->integers[m->int_at[TS_INT_METHOD]];
+    for (int f = 0; f < TS_POSITION; f++)
+        for (int i = m->at[f]; i < m->at[f + 1]; i++) {
+            const char *reason = refuse(f, sim->values[i]);
+            if (!reason) continue;
+            *index = i;
+            say(sim, reason);
+            return TS_BAD_INPUT;
+        }
+    if (method < 0 || method >= TS_METHOD_COUNT) {
+        *index = m->n_real + m->int_at[TS_INT_METHOD];
+        say(sim, "is not a method");
+        return TS_BAD_INPUT;
+    }
+    return TS_OK;
+}
+
+static void set_pieces(ts_sim *sim)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) ts_place(sim, i, sim->piece[i]);
+}
+
+int ts_initialize(ts_sim *sim, double time)
+{
+    const ts_model *m = &sim->m;
+    int32_t index;
+    int status = ts_check(sim, &index);
+    if (status != TS_OK) return status;
+    if (!isfinite(time)) {
+        say(sim, "the start time is not a finite number");
+        return TS_BAD_STEP;
+    }
+    if (!build_curves(sim)) {
+        say(sim, "out of memory");
+        return TS_BAD_MODEL;
+    }
+    int method = sim->integers[m->int_at[TS_INT_METHOD]];
+    memset(&sim->memory, 0, sizeof sim->memory);
+    sim->memory.time = time;
+    sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
+    sim->memory.patience = DEFAULT_PATIENCE;
+    sim->memory.started = 1;
+    sim->transition_count = 0;
+    memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
+    ts_project(sim, sim->y);
+    memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
+    ts_prepare(sim);
+    ts_place_all(sim);
+    ts_rhs(sim, 0.0, sim->y, sim->f0);
+    ts_outputs(sim, 0.0);
+    return TS_OK;
+}
+
+/* Everything that a step changes, but the outputs. */
+static void backup(ts_sim *sim, ts_memory *memory)
+{
+    size_t S = (size_t)sim->m.count[TS_S];
+    *memory = sim->memory;
+    memcpy(sim->backup, sim->y, sizeof(double) * (size_t)sim->m.ny);
+    memcpy(sim->backup_ints, sim->piece, sizeof(int32_t) * S);
+    memcpy(sim->backup_ints + S, sim->clipped, sizeof(int32_t) * S);
+}
+
+static void undo(ts_sim *sim, const ts_memory *memory)
+{
+    size_t S = (size_t)sim->m.count[TS_S];
+    sim->memory = *memory;
+    sim->transition_count = 0;
+    memcpy(sim->y, sim->backup, sizeof(double) * (size_t)sim->m.ny);
+    memcpy(sim->piece, sim->backup_ints, sizeof(int32_t) * S);
+    memcpy(sim->clipped, sim->backup_ints + S, sizeof(int32_t) * S);
+}
+
+/* Inputs and parameters that differ from those of the last step: are they acceptable? */
+static int check_change(ts_sim *sim, double h)
+{
+    const ts_model *m = &sim->m;
+    int32_t index;
+    int status = ts_check(sim, &index);
+    if (status != TS_OK) return status;
+    for (int i = m->at[TS_BAR_MASS]; i < sim->n_applied; i++)
+        if (sim->values[i] != sim->applied[i]) {
+            say(sim, "a fixed parameter was changed after initialization");
+            return TS_BAD_INPUT;
+        }
+    for (int i = 0; i < m->count[TS_S]; i++)
+        if (sim->values[m->at[TS_REST_LENGTH] + i] + h * sim->values[m->at[TS_REST_LENGTH_RATE] + i] < 0.0) {
+            say(sim, "a rest length would become negative within the step");
+            return TS_BAD_INPUT;
+        }
+    return TS_OK;
+}
+
+static int rest_lengths_move(const ts_sim *sim)
+{
+    const double *rate = sim->applied + sim->m.at[TS_REST_LENGTH_RATE];
+    for (int i = 0; i < sim->m.count[TS_S]; i++)
+        if (rate[i] != 0.0) return 1;
+    return 0;
+}
+
+/* Take over new inputs: pieces from scratch, and the jump of the stored energy goes into the input work. */
+static void take_inputs(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    double before = sim->values[m->at[TS_POTENTIAL]] + sim->values[m->at[TS_ELASTIC]];
+    ts_place_all(sim);
+    sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before;
+    sim->memory.h_next = 0.0;
+}
+
+static void add_time(ts_memory *memory, double h)
+{
+    double step = h + memory->time_low, sum = memory->time + step;
+    memory->time_low = fabs(memory->time) >= fabs(step) ? (memory->time - sum) + step : (step - sum) + memory->time;
+    memory->time = sum;
+}
+
+int ts_step(ts_sim *sim, double h)
+{
+    size_t bytes = sizeof(double) * (size_t)sim->n_applied;
+    ts_memory memory;
+    int status = TS_OK;
+    if (!sim->memory.started || !(h > 0.0) || !isfinite(h)) {
+        say(sim, sim->memory.started ? "the step must be positive and finite" : "initialize first");
+        return TS_BAD_STEP;
+    }
+    int changed = memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim);
+    if (changed && (status = check_change(sim, h)) != TS_OK) return status;
+    backup(sim, &memory);
+    sim->transition_count = 0;
+    ts_prepare(sim);
+    if (changed) take_inputs(sim);
+    else set_pieces(sim);
+    status = ts_integrate(sim, h);
+    if (status != TS_OK) {
+        undo(sim, &memory);
+        return status;
+    }
+    memcpy(sim->applied, sim->values, bytes);
+    add_time(&sim->memory, h);
+    ts_outputs(sim, h);
+    return TS_OK;
+}
+
+/* A saved state: header, memory, values, applied, y, integers, pieces, clipping, hash. */
+typedef struct {
+    uint64_t magic, model;
+} state_header;
+
+static char *copy_state(ts_sim *sim, char *at, int out)
+{
+    const ts_model *m = &sim->m;
+    size_t S = (size_t)m->count[TS_S] * sizeof(int32_t);
+    struct {
+        void *data;
+        size_t size;
+    } parts[] = {
+        {&sim->memory, sizeof sim->memory}, {sim->values, sizeof(double) * (size_t)m->n_real},
+        {sim->applied, sizeof(double) * (size_t)sim->n_applied}, {sim->y, sizeof(double) * (size_t)m->ny},
+        {sim->integers, sizeof(int32_t) * (size_t)m->n_int}, {sim->piece, S}, {sim->clipped, S},
+    };
+    for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
+        if (out == 1) memcpy(at, parts[i].data, parts[i].size);
+        if (out == -1) memcpy(parts[i].data, at, parts[i].size);
+        at += parts[i].size;
+    }
+    return at;
+}
+
+size_t ts_state_size(const ts_sim *sim)
+{
+    return sizeof(state_header) + (size_t)(copy_state((ts_sim *)sim, NULL, 0) - (char *)NULL) + sizeof(uint64_t);
+}
+
+int ts_save(const ts_sim *sim, void *bytes, size_t size)
+{
+    state_header header = {STATE_MAGIC, sim->m.hash};
+    if (size != ts_state_size(sim)) return TS_BAD_STATE;
+    memcpy(bytes, &header, sizeof header);
+    copy_state((ts_sim *)sim, (char *)bytes + sizeof header, 1);
+    uint64_t hash = ts_fnv(bytes, size - sizeof hash);
+    memcpy((char *)bytes + size - sizeof hash, &hash, sizeof hash);
+    return TS_OK;
+}
+
+int ts_restore(ts_sim *sim, const void *bytes, size_t size)
+{
+    state_header header;
+    uint64_t hash = 0;
+    if (size == ts_state_size(sim)) {
+        memcpy(&header, bytes, sizeof header);
+        memcpy(&hash, (const char *)bytes + size - sizeof hash, sizeof hash);
+    }
+    if (size != ts_state_size(sim) || header.magic != STATE_MAGIC || header.model != sim->m.hash ||
+        hash != ts_fnv(bytes, size - sizeof hash)) {
+        say(sim, "the saved state is damaged, of another version or of another model");
+        return TS_BAD_STATE;
+    }
+    copy_state(sim, (char *)bytes + sizeof header, -1);
+    sim->transition_count = 0;
+    if (sim->memory.started) {
+        /* curves belong to the parameters of ts_initialize(); the present values may hold a newer, refused change */
+        double *parameters = sim->values + sim->m.at[TS_NSH_Q];
+        size_t count = 3 * (size_t)sim->m.count[TS_Z];
+        memcpy(sim->backup, parameters, sizeof(double) * count);
+        memcpy(parameters, sim->applied + sim->m.at[TS_NSH_Q], sizeof(double) * count);
+        int built = build_curves(sim);
+        memcpy(parameters, sim->backup, sizeof(double) * count);
+        if (!built) {
+            say(sim, "out of memory");
+            return TS_BAD_MODEL;
+        }
+    }
+    return TS_OK;
+}
+
+int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
+void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->y, sizeof(double) * (size_t)sim->m.ny); }
+void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy) { ts_rhs(sim, tau, y, dy); }
+
+void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *Jv, double *ft)
+{
+    size_t nq = (size_t)sim->m.nq;
+    ts_rhs_jacobian(sim, tau, y);
+    memcpy(Jq, sim->Jq, sizeof(double) * nq * nq);
+    memcpy(Jv, sim->Jv, sizeof(double) * nq * nq);
+    memcpy(ft, sim->ft, sizeof(double) * nq);
+}
+
+int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3])
+{
+    const ts_curve *c = sim->curve + string;
+    double k = sim->values[sim->m.at[TS_STIFFNESS] + string];
+    int piece = ts_curve_piece(c, elongation);
+    out[0] = ts_curve_force(c, piece, elongation, k, out + 1);
+    out[2] = ts_curve_energy(c, piece, elongation, k);
+    return piece;
+}
+
+int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity)
+{
+    const ts_curve *c = sim->curve + string;
+    for (int i = 0; i <= c->pieces && i < capacity; i++) out[i] = c->end[i];
+    return c->pieces + 1;
+}

@@ -1,0 +1,86 @@
+/* The kernel's public interface: one tensegrity simulation behind an opaque handle.
+ *
+ * Every real variable (inputs, parameters, outputs) lives in one block of doubles in the order of fields.h, every integer
+ * one in a block of int32.  The caller writes inputs and parameters into the blocks and reads outputs from them; a call
+ * that fails leaves the simulation as it was and says why in ts_message().  No globals, no allocation after ts_create(). */
+#ifndef TENSEGRITY_H
+#define TENSEGRITY_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define TS_API __declspec(dllexport)
+#else
+#define TS_API __attribute__((visibility("default")))
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct ts_sim ts_sim;
+
+typedef enum {
+#define TS_ERROR(name, text) TS_##name,
+#include "errors.def"
+#undef TS_ERROR
+    TS_STATUS_COUNT
+} ts_status;
+
+enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_COUNTS }; /* indices of ts_counts(), letters of fields.py */
+
+typedef struct {
+    double time;    /* s */
+    int32_t string; /* index */
+    int32_t before; /* piece: 0 slack, 1.. pieces of the force curve */
+    int32_t after;
+    int32_t padding;
+} ts_transition;
+
+enum { TS_STEPS, TS_REJECTED, TS_RHS, TS_JACOBIANS, TS_FACTORISATIONS, TS_TRANSITIONS, TS_RESTARTS, TS_IMPLICIT_STEPS, TS_STATS };
+
+/* Make a simulation from a packed model (model.py, to_bytes).  NULL on failure, with the reason in message. */
+TS_API ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity);
+TS_API void ts_free(ts_sim *sim);
+
+TS_API void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]);
+TS_API double *ts_values(ts_sim *sim);
+TS_API int32_t *ts_integers(ts_sim *sim);
+TS_API double ts_time(const ts_sim *sim); /* s */
+TS_API const char *ts_message(const ts_sim *sim);
+TS_API const char *ts_status_name(int status);
+
+/* Look through inputs and parameters.  On TS_BAD_INPUT, *index is the offender's place in the block of doubles, or
+ * n_real + its place in the block of integers. */
+TS_API int ts_check(ts_sim *sim, int32_t *index);
+
+/* Return to the start of the scene at this time (s), under the present inputs and parameters, and fill the outputs. */
+TS_API int ts_initialize(ts_sim *sim, double time);
+
+/* Advance by h > 0 (s) under the present inputs and tunable parameters, and fill the outputs. */
+TS_API int ts_step(ts_sim *sim, double h);
+
+/* Transitions of the last ts_step(): how many, and the first of them up to a fixed capacity. */
+TS_API int64_t ts_transition_count(const ts_sim *sim);
+TS_API int32_t ts_transition_stored(const ts_sim *sim);
+TS_API const ts_transition *ts_transitions(const ts_sim *sim);
+TS_API void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]); /* since ts_initialize() */
+
+/* Complete state as bytes: versioned, bound to the model, with a checksum. */
+TS_API size_t ts_state_size(const ts_sim *sim);
+TS_API int ts_save(const ts_sim *sim, void *bytes, size_t size);
+TS_API int ts_restore(ts_sim *sim, const void *bytes, size_t size);
+
+/* For tests and analysis.  Generalised state y = [q, qdot, ledger], see motion.c. */
+TS_API int32_t ts_state_length(const ts_sim *sim);
+TS_API void ts_get_state(const ts_sim *sim, double *y);
+TS_API void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy);
+TS_API void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *Jv, double *ft);
+TS_API int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3]); /* N, N/m, J; the piece */
+TS_API int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity);   /* how many there are */
+
+#ifdef __cplusplus
+}
+#endif
+#endif
