@@ -71,7 +71,8 @@ typedef struct {
     double tau, h;
 } step;
 
-/* Elongation and rate of one string on the dense output: only the blocks it hangs on are interpolated. */
+/* Elongation and rate of one string on the dense output, put on the constraint as the state will be: only the blocks it
+ * hangs on are interpolated. */
 static void at_theta(const step *s, double theta, int i, double *gap, double *rate)
 {
     ts_sim *sim = s->sim;
@@ -80,6 +81,7 @@ static void at_theta(const step *s, double theta, int i, double *gap, double *ra
     for (int k = 0; k < sim->m.term_count[i]; k++) {
         s->method->interpolate(sim, theta, t[k].offset, D, sim->ytmp + t[k].offset);
         s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->ytmp + nq + t[k].offset);
+        ts_project_block(sim, sim->ytmp, t[k].block);
     }
     ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, gap, rate);
 }

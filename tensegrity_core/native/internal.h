@@ -163,6 +163,7 @@ void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]);
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int string, double *gap, double *rate);
 double ts_tension(const ts_sim *sim, int string, double gap, double rate, double *elastic);
 void ts_project(const ts_sim *sim, double *y);
+void ts_project_block(const ts_sim *sim, double *y, int block);
 double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1);
 
 /* events.c */

@@ -275,22 +275,27 @@ void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y)
     DISPATCH(sim, jacobian, sim, tau, y);
 }
 
-/* Put the bars back on their lengths: b along itself, b' normal to b. */
-void ts_project(const ts_sim *sim, double *y)
+/* Put a bar vector back on its length: b along itself, b' normal to b. */
+void ts_project_block(const ts_sim *sim, double *y, int block)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    for (int b = 0; b < m->blocks; b++) {
-        if (!m->block_turns[b]) continue;
-        double *c = y + b * D, *cd = y + m->nq + b * D, cc = 0.0, ccd = 0.0;
-        for (int d = 0; d < D; d++) cc += c[d] * c[d];
-        double factor = m->bar_length[m->block_bar[b]] / sqrt(cc);
-        for (int d = 0; d < D; d++) ccd += c[d] * cd[d] / cc;
-        for (int d = 0; d < D; d++) {
-            cd[d] -= ccd * c[d];
-            c[d] *= factor;
-        }
+    if (!m->block_turns[block]) return;
+    double *c = y + block * D, *cd = y + m->nq + block * D, cc = 0.0, ccd = 0.0;
+    for (int d = 0; d < D; d++) {
+        cc += c[d] * c[d];
+        ccd += c[d] * cd[d];
     }
+    double factor = m->bar_length[m->block_bar[block]] / sqrt(cc);
+    for (int d = 0; d < D; d++) {
+        cd[d] -= ccd / cc * c[d];
+        c[d] *= factor;
+    }
+}
+
+void ts_project(const ts_sim *sim, double *y)
+{
+    for (int b = 0; b < sim->m.blocks; b++) ts_project_block(sim, y, b);
 }
 
 /* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|).  Norms of vectors, so

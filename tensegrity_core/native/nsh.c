@@ -31,7 +31,7 @@ static double beam_slope(const beam *b, double x) { return b->Q * (b->zeta * (3.
 static double beam_inverse(const beam *b, int snapped, double f)
 {
     double lo = snapped ? 1.0 + b->s : 0.0, hi = snapped ? 2.0 : 1.0 - b->s;
-    if (f >= beam_force(b, hi)) return hi;
+    if (f >= (snapped ? 4.0 * b->Q : b->f_max)) return hi; /* the fold is met exactly */
     if (f <= beam_force(b, lo)) return lo;
     double x = 0.5 * (lo + hi);
     for (int i = 0; i < 100; i++) {
@@ -39,7 +39,7 @@ static double beam_inverse(const beam *b, int snapped, double f)
         if (r > 0.0) hi = x; else lo = x;
         double next = x - r / beam_slope(b, x);
         if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
-        if (fabs(next - x) <= 2e-16 * fabs(next)) return next;
+        if (fabs(next - x) <= 1e-15) return next;
         x = next;
     }
     return x;
@@ -72,11 +72,9 @@ static double rise_force(const rise *r, double xi, double x_lo, double x_hi)
         if (g > 0.0) x_hi = x; else x_lo = x;
         double next = x - g / slope;
         if (!(next > x_lo && next < x_hi)) next = 0.5 * (x_lo + x_hi);
-        if (fabs(next - x) <= 2e-16) {
-            x = next;
-            break;
-        }
+        double moved = fabs(next - x);
         x = next;
+        if (moved <= 1e-15) break;
     }
     return beam_force(&r->b[r->leader], x);
 }
@@ -207,7 +205,8 @@ static void sort_beams(beam *b, int n, const double *Q, const double *zeta, cons
 {
     for (int i = 0; i < n; i++) { /* by f_max, ties by index */
         double s = sqrt((zeta[i] - 2.0) / (3.0 * zeta[i])); /* eq. 14 */
-        beam next = {Q[i], zeta[i], h[i], s, 2.0 * Q[i] * (1.0 + (zeta[i] - 2.0) * s / 3.0)};
+        beam next = {Q[i], zeta[i], h[i], s, 0.0};
+        next.f_max = beam_force(&next, 1.0 - s); /* to the last bit what the leader of a rise carries at its end */
         int j = i;
         for (; j > 0 && b[j - 1].f_max > next.f_max; j--) b[j] = b[j - 1];
         b[j] = next;

@@ -1,0 +1,36 @@
+"""Shared by the tests: built-in scenes as models, and small changes to them."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+
+from tensegrity_core.model import Model
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
+
+
+@lru_cache(maxsize=None)
+def scene(name: str) -> Model:
+    """A built-in scene's model."""
+    return build_model(load_scene(name))
+
+
+def changed(model: Model, damping: float | None = None, stiffness_factor: float = 1.0, **fields) -> Model:
+    """The model with one damping coefficient for all strings (N.s/m), scaled stiffness, or other fields."""
+    if damping is not None:
+        fields["damping"] = np.full(len(model.strings), float(damping))
+    if stiffness_factor != 1.0:
+        fields["stiffness"] = model.stiffness * stiffness_factor
+    return dataclasses.replace(model, **fields)
+
+
+def push(model: Model, up: float = 45.0, aside: float = 20.0) -> np.ndarray:
+    """(N, 3) N: `up` on every top node, and `aside` in x on the first of them."""
+    force = np.zeros((len(model.nodes), 3))
+    top = np.flatnonzero(model.nodes[:, 2] > model.nodes[:, 2].max() - 0.01)
+    force[top, 2] = up
+    force[top[0], 0] = aside
+    return force

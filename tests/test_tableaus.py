@@ -1,0 +1,154 @@
+"""The coefficients of the integrators satisfy their order conditions, tree by tree."""
+
+import re
+from functools import lru_cache
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tensegrity_core
+
+NATIVE = Path(tensegrity_core.__file__).parent / "native"
+
+
+def arrays(header: str) -> dict[str, np.ndarray]:
+    """The constant arrays of a tableau header, by name."""
+    text = re.sub(r"/\*.*?\*/", "", (NATIVE / header).read_text(), flags=re.S)
+    found = {}
+    for name, dims, body in re.findall(r"static const double (\w+)((?:\[\d+\])*) = (.*?);", text, flags=re.S):
+        shape = [int(n) for n in re.findall(r"\d+", dims)]
+        numbers = [float(x) for x in re.findall(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?", body)]
+        found[name] = np.array(numbers).reshape(shape) if shape else np.array(numbers[0])
+    return found
+
+
+@lru_cache(maxsize=None)
+def trees(order: int) -> tuple:
+    """All rooted trees with `order` nodes, each the sorted tuple of its subtrees."""
+    if order == 1:
+        return ((),)
+    found = set()
+
+    def split(left, largest, chosen):
+        if left == 0:
+            found.add(tuple(sorted(chosen)))
+        for size in range(min(left, largest), 0, -1):
+            for count in range(1, left // size + 1):
+                for group in combinations_with_replacement(trees(size), count):
+                    split(left - size * count, size - 1, chosen + list(group))
+
+    split(order - 1, order - 1, [])
+    return tuple(sorted(found))
+
+
+def size(tree) -> int:
+    return 1 + sum(size(t) for t in tree)
+
+
+def density(tree) -> int:
+    product = size(tree)
+    for t in tree:
+        product *= density(t)
+    return product
+
+
+def stage_weights(tree, alpha, beta):
+    """Elementary weights per stage; Rosenbrock methods use beta below a node with one branch, alpha elsewhere."""
+    weight = np.ones(len(alpha))
+    matrix = beta if len(tree) == 1 else alpha
+    for t in tree:
+        weight = weight * (matrix @ stage_weights(t, alpha, beta))
+    return weight
+
+
+def worst_condition(b, alpha, beta, order):
+    return max(
+        abs(b @ stage_weights(t, alpha, beta) - 1.0 / density(t)) for n in range(1, order + 1) for t in trees(n)
+    )
+
+
+def rodas5p():
+    t = arrays("rodas5p_tableau.h")
+    gamma = float(t["GAMMA"])
+    Gamma = np.linalg.inv(np.eye(8) / gamma - t["C"])
+    alpha = t["A"] @ Gamma
+    return t, gamma, Gamma, alpha
+
+
+def test_number_of_trees():
+    assert [len(trees(n)) for n in range(1, 9)] == [1, 1, 2, 4, 9, 20, 48, 115]
+
+
+def test_dop853_has_order_8():
+    t = arrays("dop853_tableau.h")
+    A, b = t["A"][:12, :12], t["A"][12, :12]
+    assert worst_condition(b, A, A, 8) < 1e-13
+    assert worst_condition(b, A, A, 9) > 1e-8
+    np.testing.assert_allclose(t["A"].sum(axis=1), t["C"], atol=2e-13)
+
+
+@pytest.mark.parametrize("name, order", [("E5", 5), ("E3", 3)])
+def test_dop853_error_estimates_vanish_up_to_their_order(name, order):
+    t = arrays("dop853_tableau.h")
+    A, e = t["A"][:12, :12], t[name][:12]
+    errors = [abs(e @ stage_weights(s, A, A)) for n in range(1, order + 1) for s in trees(n)]
+    assert max(errors) < 1e-13
+    assert max(abs(e @ stage_weights(s, A, A)) for s in trees(order + 1)) > 1e-6
+
+
+@pytest.mark.parametrize("theta", [0.1, 0.5, 0.83])
+def test_dop853_dense_output_has_order_7(theta):
+    t = arrays("dop853_tableau.h")
+    A, n = t["A"], 16
+    b, first, last = A[12], np.eye(n)[0], np.eye(n)[12]
+    F = [b, first - b, 2 * b - (last + first), *t["DENSE"]]
+    weights = np.zeros(n)
+    for i, row in enumerate(reversed(F)):  # nested as in dop853.c
+        weights = (weights + row) * (theta if i % 2 == 0 else 1 - theta)
+    errors = [
+        abs(weights @ stage_weights(s, A, A) - theta ** size(s) / density(s)) for k in range(1, 8) for s in trees(k)
+    ]
+    assert max(errors) < 1e-13
+
+
+def test_rodas5p_has_order_5_and_its_estimate_order_4():
+    t, gamma, Gamma, alpha = rodas5p()
+    beta = alpha + Gamma
+    last = np.eye(8)[7]
+    m = t["A"][7] + last
+    assert worst_condition(m @ Gamma, alpha, beta, 5) < 1e-12
+    assert worst_condition(m @ Gamma, alpha, beta, 6) > 1e-6
+    assert worst_condition(t["A"][7] @ Gamma, alpha, beta, 4) < 1e-12
+    np.testing.assert_allclose(alpha.sum(axis=1), t["ALPHA"], atol=1e-12)
+    np.testing.assert_allclose(Gamma.sum(axis=1), t["D"], atol=1e-12)
+
+
+@pytest.mark.parametrize("theta", [0.1, 0.5, 0.83])
+def test_rodas5p_dense_output_has_order_4(theta):
+    t, gamma, Gamma, alpha = rodas5p()
+    m = t["A"][7] + np.eye(8)[7]
+    h = t["H"]
+    weights = theta * (m + (1 - theta) * (h[0] + theta * (h[1] + theta * h[2])))
+    b = weights @ Gamma
+    errors = [
+        abs(b @ stage_weights(s, alpha, alpha + Gamma) - theta ** size(s) / density(s))
+        for k in range(1, 5)
+        for s in trees(k)
+    ]
+    assert max(errors) < 1e-12
+
+
+def test_rodas5p_is_stiffly_accurate_and_l_stable():
+    t, gamma, Gamma, alpha = rodas5p()
+    beta, m = alpha + Gamma, t["A"][7] + np.eye(8)[7]
+    b = m @ Gamma
+    np.testing.assert_allclose(b, beta[7], atol=1e-12)  # stiffly accurate: R(infinity) = 0
+
+    def R(z):
+        return 1 + z * (b @ np.linalg.solve(np.eye(8) - z * beta, np.ones(8)))
+
+    assert abs(R(-1e8)) < 1e-6
+    y = np.concatenate([np.linspace(0.01, 20, 400), np.logspace(1.3, 6, 200)])
+    assert max(abs(R(1j * v)) for v in y) <= 1.0 + 1e-10  # A-stable: bounded on the imaginary axis, poles in the right half
