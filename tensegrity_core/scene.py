@@ -1,0 +1,596 @@
+"""The scene file: its syntax, its checks, and the message for each mistake.
+
+A scene is a TOML file in SI units (docs of every key: the descriptions below, published as scenes/scene.schema.json).
+What can be judged without mechanics is judged here; what needs the equilibrium (prestress) is judged by `statics`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Iterator, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, Strict, StringConstraints, ValidationError
+
+from .errors import SceneError
+
+SCENE_FOLDER = Path(__file__).parent / "scenes"
+BUILTIN_SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
+
+#: Axes that a scene uses -> their places among x, y, z.
+PLANES = {None: (0, 1, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+
+#: Names that are not a component's: they stand at the top of the simulation's variables, or mean the time.
+RESERVED_NAMES = ("energy", "solver", "gravity", "time")
+
+#: First words of the variables that a component owns (`n4.force.x`, `s1.rest_length`, ...).
+VARIABLE_WORDS = frozenset(
+    "x y z force velocity reaction mass rest length elastic stiffness damping snapped current nsh".split()
+)
+
+SHORTEST = 1e-9  # m: below this a member has no usable direction
+
+IDENTIFIER = r"^[A-Za-z][A-Za-z0-9_]*$"
+Name = Annotated[str, StringConstraints(pattern=IDENTIFIER)]
+Text = Annotated[str, StringConstraints(pattern=r"^[^\r\n]*$")]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=1e15, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=1e15, allow_inf_nan=False)]
+Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
+Ends = Annotated[tuple[str, str], Strict(False)]
+Beams = Annotated[tuple[Positive, ...], Strict(False), Field(min_length=1)]
+
+
+class Entry(BaseModel):
+    """A table of the scene file: no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, title=None)
+
+
+class Material(Entry):
+    """What strings are made of."""
+
+    stiffness: Positive = Field(description="stiffness k in N/m, a number greater than 0")
+    damping: NotNegative = Field(0.0, description="damping d in N s/m, 0 or more")
+
+
+class Honeycomb(Entry):
+    """A negative stiffness honeycomb (NSH): curved beams in series, eq. 11; one value per beam in each list."""
+
+    Q: Beams = Field(description="force scale of each beam in N, a list of numbers greater than 0")
+    zeta: Beams = Field(description="shape parameter of each beam, a list of numbers between 2 and 8 (metastable)")
+    h: Beams = Field(description="arch height of each beam in m, a list of numbers greater than 0")
+
+
+class Bar(Entry):
+    """A rigid thin bar."""
+
+    nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n5"]')
+    mass: Positive = Field(description="mass in kg, a number greater than 0")
+
+
+class String(Entry):
+    """A massless string, tension only."""
+
+    nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n4"]')
+    material: str | None = Field(None, description="name of one of the [materials]")
+    stiffness: Positive | None = Field(
+        None, description="stiffness k in N/m, greater than 0, instead of the material's"
+    )
+    damping: NotNegative | None = Field(None, description="damping d in N s/m, 0 or more, instead of the material's")
+    nsh: str | None = Field(
+        None,
+        description="name of one of the [nsh]: its force curve replaces the stiffness, "
+        "which acts once it has bottomed out",
+    )
+
+
+class Prestress(Entry):
+    """What is known of the strings at the given coordinates; the equilibrium gives the rest."""
+
+    tension: dict[str, NotNegative] = Field(
+        default_factory=dict, description="string name = tension in N at the given coordinates, 0 or more"
+    )
+    rest_length: dict[str, NotNegative] = Field(
+        default_factory=dict, description="string name = rest length in m, 0 or more"
+    )
+
+
+class Scene(Entry):
+    """A checked scene.  Fields are the keys of the file; treat it and what it holds as read-only.
+
+    Make one with `load_scene` or `parse_scene`: they run the checks that need more than one key.
+    """
+
+    name: Name = Field(description="name of the scene, an identifier; without it the file's name")
+    description: Text = Field("", description="one line for humans")
+    source: Text = Field("", description="where the numbers come from")
+    gravity: NotNegative = Field(9.81, description="gravity in m/s2 towards -z, 0 or more")
+    plane: Literal["xz", "yz", "xy"] | None = Field(
+        None, description='"xz", "yz" or "xy" for a planar scene, whose nodes have two coordinates'
+    )
+    damping_law: Literal["literal", "tension_only"] = Field(
+        "literal", description='"literal" (the damper may push while a string shortens) or "tension_only"'
+    )
+    start: Literal["equilibrium", "settled", "released"] = Field(
+        "equilibrium",
+        description='"equilibrium" (the given coordinates must balance), "settled" (the stable equilibrium near them) '
+        'or "released" (at rest there, balanced or not)',
+    )
+    fixed: Annotated[tuple[str, ...], Strict(False)] = Field((), description="names of the nodes fixed to the ground")
+    nodes: dict[Name, Point] = Field(description="node name = [x, y, z] in m (two coordinates in a planar scene)")
+    materials: dict[Name, Material] = Field(default_factory=dict, description="materials of strings by name")
+    nsh: dict[Name, Honeycomb] = Field(default_factory=dict, description="NSHs by name")
+    bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
+    strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
+    prestress: Prestress = Field(
+        default_factory=Prestress, description="what is known of the strings at the given coordinates"
+    )
+
+    _file: str = PrivateAttr("")
+    _raw: dict = PrivateAttr(default_factory=dict)
+    _origin: dict = PrivateAttr(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """Path of the file that was loaded."""
+        return self._file
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Coordinate axes in use: (0, 1, 2), or two of them in a planar scene."""
+        return PLANES[self.plane]
+
+    def position(self, node: str) -> tuple[float, float, float]:
+        """Given coordinates (x, y, z) of a node, m."""
+        point = [0.0, 0.0, 0.0]
+        for axis, value in zip(self.axes, self.nodes[node]):
+            point[axis] = value
+        return tuple(point)
+
+    def distance(self, ends: tuple[str, str]) -> float:
+        """Distance of two nodes at the given coordinates, m."""
+        return math.dist(self.position(ends[0]), self.position(ends[1]))
+
+    def stiffness(self, string: str) -> float | None:
+        """k of a string, its own or its material's, N/m; None: neither is given."""
+        own = self.strings[string].stiffness
+        return own if own is not None or not self.strings[string].material else self._material(string).stiffness
+
+    def damping(self, string: str) -> float:
+        """d of a string, its own or its material's, N s/m."""
+        own = self.strings[string].damping
+        if own is not None:
+            return own
+        return self._material(string).damping if self.strings[string].material else 0.0
+
+    def _material(self, string: str) -> Material:
+        return self.materials[self.strings[string].material]
+
+    def error(self, key: str, problem: str, remedy: str, value: Any = None) -> SceneError:
+        """The error for a key of this scene: fills in the file that holds the key, and its value."""
+        shown = _lookup(self._raw, key) if value is None else value
+        return _error(self._file, self._origin, key, shown, problem, remedy)
+
+
+# --- loading -----------------------------------------------------------------------------------------------------
+
+
+def builtin_scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with the package."""
+    return BUILTIN_SCENES
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Load a built-in scene by its name, or any scene by its path (which ends in .toml).
+
+    Raises SceneError for a scene that cannot become a model.
+    """
+    path = _find(name_or_path)
+    raw, origin = _read(path, ())
+    raw.setdefault("name", path.stem)
+    return _checked(raw, origin, str(path))
+
+
+def parse_scene(data: dict[str, Any], file: str = "<data>") -> Scene:
+    """Check a scene given as nested dicts, the form that the TOML file has; `file` is what error messages call it."""
+    raw, origin = _extended(dict(data), Path(file), ())
+    return _checked(raw, origin, file)
+
+
+def _checked(raw: dict, origin: dict, file: str) -> Scene:
+    try:
+        scene = Scene.model_validate(raw)
+    except ValidationError as failure:
+        raise _translated(failure, raw, origin, file) from None
+    scene._file, scene._raw, scene._origin = file, raw, origin
+    for check in CHECKS:
+        for error in check(scene):
+            raise error
+    return scene
+
+
+def _find(name_or_path: str | Path) -> Path:
+    text = str(name_or_path)
+    if text in BUILTIN_SCENES:
+        return SCENE_FOLDER / f"{text}.toml"
+    if not text.endswith(".toml"):
+        close = difflib.get_close_matches(text, BUILTIN_SCENES, 1)
+        remedy = f"Did you mean {close[0]}? " if close else ""
+        remedy += f"Give a path that ends in .toml, or one of {', '.join(BUILTIN_SCENES)}."
+        raise SceneError(text, "(scene)", text, "is neither a built-in scene nor a .toml file", remedy)
+    return Path(text)
+
+
+def _read(path: Path, below: tuple[Path, ...]) -> tuple[dict, dict]:
+    """The file's tables, joined with those that it extends, and for each key the file that it stands in."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        remedy = f"Check the path; built-in scenes are {', '.join(BUILTIN_SCENES)}."
+        raise SceneError(str(path), "(file)", str(path), "does not exist", remedy) from None
+    except OSError as failure:
+        reason = failure.strerror or type(failure).__name__
+        raise SceneError(str(path), "(file)", str(path), f"cannot be read: {reason}", "Name a readable file.") from None
+    except UnicodeDecodeError as failure:
+        problem = f"is not UTF-8 text (byte {failure.start})"
+        raise SceneError(str(path), "(file)", str(path), problem, "Save the file as UTF-8.") from None
+    try:
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as failure:
+        raise _syntax_error(path, text, failure) from None
+    return _extended(raw, path, below)
+
+
+def _syntax_error(path: Path, text: str, failure: Exception) -> SceneError:
+    place = re.search(r"line (\d+)", str(failure))
+    number = int(place.group(1)) if place else None
+    lines = text.splitlines()
+    value = lines[number - 1].strip() if number and number <= len(lines) else ""
+    problem = f"is not TOML: {failure}"
+    if "overwrite" in str(failure) or "twice" in str(failure):
+        problem, remedy = f"a name is used twice: {failure}", "Rename or remove one of the two."
+    else:
+        remedy = "Correct the line; the form is described at https://toml.io."
+    return SceneError(str(path), f"line {number}" if number else "(end of file)", value, problem, remedy)
+
+
+def _extended(raw: dict, path: Path, below: tuple[Path, ...]) -> tuple[dict, dict]:
+    """Join a scene with those that its key `extends` names: tables join, anything else replaces."""
+    origin = {key: str(path) for key in _dotted(raw)}
+    if "extends" not in raw:
+        return raw, origin
+    bases = raw.pop("extends")
+    bases = [bases] if isinstance(bases, str) else bases
+    if not (isinstance(bases, list) and bases and all(isinstance(base, str) for base in bases)):
+        raise SceneError(str(path), "extends", bases, "names no scene", f"Give {EXTENDS_MEANING}.")
+    whole: dict = {}
+    origins: dict = {}
+    for base in bases:
+        base_raw, base_origin = _read(_base_path(path, base, below), (*below, path.resolve()))
+        base_raw.pop("name", None)
+        whole, origins = _joined(whole, base_raw), origins | base_origin
+    return _joined(whole, raw), origins | origin
+
+
+def _base_path(path: Path, base: str, below: tuple[Path, ...]) -> Path:
+    """Where the scene stands that `path` extends; `below`: the files that led to `path`."""
+    found = path.parent / base if base.endswith(".toml") else SCENE_FOLDER / f"{base}.toml"
+    if not re.fullmatch(IDENTIFIER, base) and not base.endswith(".toml") or not found.is_file():
+        raise SceneError(str(path), "extends", base, f"{found} does not exist", f"Give {EXTENDS_MEANING}.")
+    if found.resolve() in (*below, path.resolve()):
+        raise SceneError(str(path), "extends", base, "closes a circle of scenes", "Extend a scene outside it.")
+    return found
+
+
+EXTENDS_MEANING = (
+    "the scene that this one changes: a path that ends in .toml (relative to this file), or a built-in scene's name; "
+    "or a list of them, where later ones change earlier ones"
+)
+
+
+def _joined(base: Any, change: Any) -> Any:
+    if not (isinstance(base, dict) and isinstance(change, dict)):
+        return change
+    joined = dict(base)
+    for key, value in change.items():
+        joined[key] = _joined(base[key], value) if key in base else value
+    return joined
+
+
+def _dotted(table: dict, prefix: str = "") -> Iterator[str]:
+    """Dotted paths of all that is not a table."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
+# --- messages ----------------------------------------------------------------------------------------------------
+
+
+def _lookup(raw: Any, key: str) -> Any:
+    for part in re.split(r"\.|\[", key):
+        if isinstance(raw, dict):
+            raw = raw.get(part)
+        elif isinstance(raw, (list, tuple)) and part.rstrip("]").isdigit():
+            at = int(part.rstrip("]")) - 1
+            raw = raw[at] if at < len(raw) else None
+        else:
+            return None
+    return raw
+
+
+def _error(file: str, origin: dict, key: str, value: Any, problem: str, remedy: str) -> SceneError:
+    """`file` is the one that was loaded; the key may stand in one that it extends."""
+    parts = re.split(r"\.|\[", key)
+    for n in range(len(parts), 0, -1):
+        found = origin.get(".".join(parts[:n]))
+        if found:
+            return SceneError(found, key, value, problem, remedy)
+    return SceneError(file, key, value, problem, remedy)
+
+
+def _translated(failure: ValidationError, raw: dict, origin: dict, file: str) -> SceneError:
+    """The first of pydantic's findings in our own words."""
+    finding = failure.errors(include_url=False)[0]
+    place, kind = [part for part in finding["loc"] if part != "[key]"], finding["type"]
+    is_key = finding["loc"][-1] == "[key]"
+    owner, field = _described(place)
+    key = _key(place)
+    value = place[-1] if is_key else _lookup(raw, key)
+    if is_key:
+        problem, remedy = "is not an identifier", "Start with an ASCII letter; go on with letters, digits and _."
+    elif kind == "extra_forbidden":
+        problem = "is not a key of a scene file"
+        close = difflib.get_close_matches(str(place[-1]), owner.model_fields, 1)
+        hint = f"Did you mean {close[0]}? " if close else ""
+        remedy = f"{hint}Keys here: {', '.join(owner.model_fields)}."
+    else:
+        problem = _problem(kind, finding)
+        remedy = f"Give {field.description}."
+    if kind == "missing" and isinstance(place[-1], int):  # a pair with one end
+        key = _key(place[:-1])
+        value, problem = _lookup(raw, key), "has too few entries"
+    return _error(file, origin, key, value, problem, remedy)
+
+
+def _problem(kind: str, finding: dict) -> str:
+    context = finding.get("ctx", {})
+    known = {
+        "missing": "is missing",
+        "finite_number": "is not a finite number",
+        "float_type": "is not a number",
+        "string_type": "is not a text",
+        "tuple_type": "is not a list",
+        "dict_type": "is not a table",
+        "model_type": "is not a table",
+        "greater_than": "is not greater than {gt}",
+        "greater_than_equal": "is less than {ge}",
+        "less_than_equal": "is greater than {le}",
+        "too_short": "has too few entries",
+        "too_long": "has too many entries",
+        "literal_error": "is not one of {expected}",
+        "string_pattern_mismatch": "has a form that is not allowed",
+    }
+    return known.get(kind, finding["msg"]).format(**context)
+
+
+def _key(place: list) -> str:
+    """Dotted key; entries of a list count from 1, as in `nsh.article.zeta[2]`."""
+    key = ""
+    for part in place:
+        key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
+    return key
+
+
+def _described(place: list) -> tuple[type[Entry], Any]:
+    """The table that holds a place, and the field whose description says what belongs there."""
+    owner, field = Scene, None
+    tables = {"materials": Material, "nsh": Honeycomb, "bars": Bar, "strings": String}
+    for depth, part in enumerate(place):
+        if isinstance(part, str) and part in owner.model_fields:
+            field = owner.model_fields[part]
+        if depth == 0 and part == "prestress":
+            owner = Prestress if len(place) > 1 else owner
+        elif depth == 1 and place[0] in tables:
+            owner = tables[place[0]] if len(place) > 2 else owner
+    return owner, field
+
+
+# --- checks that need more than one key --------------------------------------------------------------------------
+
+
+def _check_names(scene: Scene) -> Iterator[SceneError]:
+    kinds = {"nodes": scene.nodes, "bars": scene.bars, "strings": scene.strings}
+    seen: dict[str, str] = {}
+    for kind, table in kinds.items():
+        for name in table:
+            if name in RESERVED_NAMES:
+                yield scene.error(f"{kind}.{name}", f"{name} is a reserved name", "Rename it.")
+            if name in seen:
+                yield scene.error(f"{kind}.{name}", f"{seen[name]} has the same name", "Rename one of the two.")
+            seen[name] = f"{kind}.{name}"
+    for name, key in seen.items():
+        for at, letter in enumerate(name):
+            # n4.force.x and a node n4_force would both flatten to n4_force_x
+            head, tail = name[:at], name[at + 1 :]
+            if letter == "_" and head in (*seen, *RESERVED_NAMES) and _is_variable(head, tail):
+                problem = f"reads like a variable of {seen.get(head, head)} once dots become underscores"
+                yield scene.error(key, problem, f"Rename it so that it does not start with {head}_.")
+
+
+def _is_variable(head: str, tail: str) -> bool:
+    return head in RESERVED_NAMES or tail.split("_")[0] in VARIABLE_WORDS
+
+
+def _check_coordinates(scene: Scene) -> Iterator[SceneError]:
+    letters = scene.plane or "xyz"
+    if scene.plane == "xy" and scene.gravity != 0.0:
+        problem = "gravity acts along -z, across the plane xy"
+        yield scene.error("gravity", problem, "Write gravity = 0, or choose the plane xz or yz.", scene.gravity)
+    for name, point in scene.nodes.items():
+        if len(point) != len(letters):
+            kind = f"planar scene ({scene.plane})" if scene.plane else "3D scene"
+            problem = f"has {len(point)} coordinates in a {kind}"
+            yield scene.error(f"nodes.{name}", problem, f"Give {len(letters)}: [{', '.join(letters)}].")
+
+
+def _check_references(scene: Scene) -> Iterator[SceneError]:
+    for at, name in enumerate(scene.fixed, 1):
+        if name not in scene.nodes:
+            yield scene.error(f"fixed[{at}]", "is no node", _choose(name, scene.nodes))
+        if name in scene.fixed[: at - 1]:
+            yield scene.error(f"fixed[{at}]", "is listed twice", "Remove one of the two.")
+    for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
+        for name, member in members.items():
+            for at, node in enumerate(member.nodes, 1):
+                if node not in scene.nodes:
+                    yield scene.error(f"{kind}.{name}.nodes[{at}]", "is no node", _choose(node, scene.nodes))
+    for name, string in scene.strings.items():
+        for key, table, held in (("material", "materials", scene.materials), ("nsh", "nsh", scene.nsh)):
+            wanted = getattr(string, key)
+            if wanted is not None and wanted not in held:
+                yield scene.error(f"strings.{name}.{key}", f"is not in [{table}]", _choose(wanted, held))
+        if scene.stiffness(name) is None:
+            remedy = "Give material (a name in [materials]) or stiffness."
+            yield scene.error(f"strings.{name}", "has no stiffness", remedy)
+    for key in ("tension", "rest_length"):
+        for name in getattr(scene.prestress, key):
+            if name not in scene.strings:
+                yield scene.error(f"prestress.{key}.{name}", "is no string", _choose(name, scene.strings))
+            if name in scene.prestress.tension and name in scene.prestress.rest_length:
+                problem = "the string has both a tension and a rest length"
+                yield scene.error(f"prestress.{key}.{name}", problem, "Keep one of the two.")
+
+
+def _choose(wanted: str, names) -> str:
+    close = difflib.get_close_matches(wanted, list(names), 1)
+    if close:
+        return f"Did you mean {close[0]}?"
+    listed = list(names)
+    shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
+    return f"Choose from: {shown}." if listed else "There is none yet: add it."
+
+
+def _check_members(scene: Scene) -> Iterator[SceneError]:
+    owner: dict[str, str] = {}
+    for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
+        for name, member in members.items():
+            key = f"{kind}.{name}.nodes"
+            if member.nodes[0] == member.nodes[1]:
+                yield scene.error(key, "starts and ends at the same node", "Join two different nodes.")
+            if scene.distance(member.nodes) < SHORTEST:
+                problem = f"has zero length: both nodes are at {scene.nodes[member.nodes[0]]}"
+                yield scene.error(key, problem, "Move one of the nodes.")
+    for name, bar in scene.bars.items():
+        for node in bar.nodes:
+            if node in owner:
+                problem = f"{node} is on bar {owner[node]} already"
+                remedy = "Only one bar may meet a node (class 1): join bars by strings between their own nodes."
+                yield scene.error(f"bars.{name}.nodes", problem, remedy)
+            owner[node] = name
+        if all(node in scene.fixed for node in bar.nodes):
+            problem = "both ends are fixed, so the bar cannot move"
+            yield scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
+    for node in scene.nodes:
+        if node not in owner and node not in scene.fixed:
+            problem = "is neither fixed nor on a bar, so it has no mass"
+            yield scene.error(f"nodes.{node}", problem, "Put it on a bar, or list it in fixed.")
+
+
+def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
+    for name, nsh in scene.nsh.items():
+        for key in ("zeta", "h"):
+            if len(getattr(nsh, key)) != len(nsh.Q):
+                problem = f"has {len(getattr(nsh, key))} beams where Q has {len(nsh.Q)}"
+                yield scene.error(f"nsh.{name}.{key}", problem, "Give one value per beam in each of Q, zeta and h.")
+        for at, zeta in enumerate(nsh.zeta, 1):
+            if not 2.0 < zeta < 8.0:
+                kind = "monotone (it never snaps)" if zeta <= 2.0 else "bistable (it does not return)"
+                problem = f"makes the beam {kind}"
+                yield scene.error(f"nsh.{name}.zeta[{at}]", problem, "Choose 2 < zeta < 8 (metastable).")
+
+
+CHECKS = (_check_names, _check_coordinates, _check_references, _check_members, _check_honeycombs)
+
+
+# --- the schema --------------------------------------------------------------------------------------------------
+
+
+def scene_schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of the scene file, for editors.
+
+    A file with `extends` may leave out any key, so "required" holds only without it.
+    """
+    schema = _tidied(Scene.model_json_schema())
+    definitions = schema.pop("$defs")
+    complete = _requirements(schema, definitions)
+    complete["required"] = [key for key in complete["required"] if key != "name"]  # the file's name serves
+    for table in (schema, *definitions.values()):
+        table.pop("required", None)
+    schema["properties"] = {
+        "extends": {
+            "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
+            "description": EXTENDS_MEANING,
+        },
+        **schema["properties"],
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **schema,
+        "title": "Tensegrity scene",
+        "description": "A tensegrity structure in SI units.",
+        "if": {"not": {"required": ["extends"]}},
+        "then": complete,
+        "$defs": definitions,
+    }
+
+
+def _tidied(schema: Any) -> Any:
+    """The same without generated titles and nulls (TOML has none), and with names that fit no pattern refused."""
+    if isinstance(schema, list):
+        return [_tidied(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    tidy = {key: _tidied(part) for key, part in schema.items() if not (key == "title" and isinstance(part, str))}
+    choices = [choice for choice in tidy.get("anyOf", ()) if choice != {"type": "null"}]
+    if len(choices) == 1:
+        del tidy["anyOf"]
+        tidy = choices[0] | tidy
+    if tidy.get("default", ...) is None:
+        del tidy["default"]
+    if "patternProperties" in tidy:
+        tidy["additionalProperties"] = False
+    return tidy
+
+
+def _requirements(schema: dict, definitions: dict) -> dict:
+    """Only the "required" parts of a schema, references followed."""
+    if "$ref" in schema:
+        schema = definitions[schema["$ref"].rsplit("/", 1)[1]]
+    found: dict[str, Any] = {"required": schema["required"]} if "required" in schema else {}
+    inner = {key: _requirements(part, definitions) for key, part in schema.get("properties", {}).items()}
+    if any(inner.values()):
+        found["properties"] = {key: part for key, part in inner.items() if part}
+    for key in ("additionalProperties", "patternProperties"):
+        if isinstance(schema.get(key), dict):
+            part = schema[key]
+            nested = (
+                {pattern: _requirements(value, definitions) for pattern, value in part.items()}
+                if key == "patternProperties"
+                else _requirements(part, definitions)
+            )
+            if any(nested.values()):
+                found[key] = nested
+    return found
+
+
+def schema_text() -> str:
+    """The schema as it stands in scenes/scene.schema.json."""
+    return json.dumps(scene_schema(), indent=2, sort_keys=False) + "\n"
