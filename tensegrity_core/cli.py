@@ -7,15 +7,22 @@ message on stderr and exit code 2.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Callable, NamedTuple
 
 import numpy as np
 
 from . import statics
-from .errors import TensegrityError
+from .errors import InputError, TensegrityError
+from .export import require_writable, write_result
+from .fields import METHODS
+from .inputs import Inputs, grid, held
+from .kernel import simulate as run_kernel
 from .model import Model
+from .result import Result
 from .scene import builtin_scenes, load_scene, schema_text
 
 
@@ -120,8 +127,143 @@ def schema(arguments: argparse.Namespace) -> int:
     return 0
 
 
+# --- simulate, animate -------------------------------------------------------------------------------------------
+
+MOST_STEPS = 1_000_000  # every communication point is kept in memory
+
+
+def _run_arguments(parser: argparse.ArgumentParser) -> None:
+    """What every subcommand that simulates takes."""
+    parser.usage = "%(prog)s SCENE [options]"  # SCENE first: --force takes all that follows it
+    _scene_argument(parser)
+    parser.add_argument(
+        "--force",
+        metavar="NODE.AXIS=N",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="constant external forces in N on free nodes, such as n4.z=45 n5.x=-10",
+    )
+    parser.add_argument("--duration", type=float, default=5.0, help="simulated time, s (default %(default)s)")
+    parser.add_argument("--method", choices=METHODS, default="auto", help="integration method (default %(default)s)")
+    parser.add_argument("--tolerance", type=float, default=1e-10, help="error per step (default %(default)s)")
+
+
+def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
+    _run_arguments(parser)
+    parser.add_argument("--step", type=float, default=0.01, help="time between samples, s (default %(default)s)")
+    parser.add_argument("--output", metavar="FILE", help="write the series to this .csv or .npz file")
+
+
+def _animate_arguments(parser: argparse.ArgumentParser) -> None:
+    _run_arguments(parser)
+    parser.add_argument("--speed", type=float, default=1.0, help="simulated s per s of film (default %(default)s)")
+    parser.add_argument("--fps", type=int, default=20, help="frames per second of film, up to 50 (default %(default)s)")
+    parser.add_argument("--output", metavar="FILE", required=True, help="the .gif file to write")
+
+
+def simulate(arguments: argparse.Namespace) -> int:
+    """Simulate a scene under constant forces, say how it went, and write the series."""
+    output = arguments.output and require_writable(arguments.output, (".csv", ".npz"))
+    times = sample_times(arguments.duration, arguments.step)
+    model = statics.build_model(load_scene(arguments.scene))
+    result, _ = _run(model, times, arguments)
+    if output:
+        write_result(model, result, output)
+    print(end_of_run(model, result))
+    if output:
+        print(f"  series written to {output}")
+    return 0
+
+
+def animate(arguments: argparse.Namespace) -> int:
+    """Simulate a scene under constant forces and film it."""
+    from .plots import animate as write_film  # Matplotlib takes a second to import
+
+    output = require_writable(arguments.output, (".gif",))
+    if not 1 <= arguments.fps <= 50:
+        raise InputError(f"--fps = {arguments.fps} is out of range; give a whole number from 1 to 50")
+    speed = _positive("--speed", arguments.speed)
+    times = sample_times(arguments.duration, speed / arguments.fps)
+    model = statics.build_model(load_scene(arguments.scene))
+    result, inputs = _run(model, times, arguments)
+    force = np.concatenate((inputs.force, inputs.force[-1:]))
+    write_film(model, result, output, arguments.fps, force)
+    print(f"{model.name}: film of {times[-1]:g} s in {len(times)} frames written to {output}")
+    return 0
+
+
+def _run(model: Model, times: np.ndarray, arguments: argparse.Namespace) -> tuple[Result, Inputs]:
+    force = constant_force(model, arguments.force)
+    inputs = held(model, times, force=lambda t: force)
+    return run_kernel(model, inputs, arguments.method, _positive("--tolerance", arguments.tolerance)), inputs
+
+
+def _positive(option: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{option} = {value!r} is not a number greater than 0; give one")
+    return value
+
+
+def sample_times(duration: float, step: float) -> np.ndarray:
+    """Communication points, s.  Raises InputError where they do not fit the duration, or where they are too many."""
+    count = _positive("--duration", duration) / _positive("--step", step)
+    if count > MOST_STEPS:
+        raise InputError(f"--duration = {duration!r} takes {count:.3g} samples, more than {MOST_STEPS}; space them wider")
+    if round(count) < 1 or abs(count - round(count)) > 1e-6:
+        whole = max(1, round(count)) * step
+        problem = f"--duration = {duration!r} is no multiple of the time between samples, {step:g} s"
+        raise InputError(f"{problem}; give {whole:g}, or another spacing")
+    return grid(duration, step)
+
+
+def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
+    """(N, 3) N from texts such as n4.z=45; forces on the same place add up.  Raises InputError."""
+    force = np.zeros((len(model.nodes), 3))
+    for text in texts:
+        place, equals, number = text.partition("=")
+        node, dot, axis = place.rpartition(".")
+        if not (equals and dot):
+            raise InputError(f"--force {text}: this is not of the form NODE.AXIS=N; write as in n4.z=45")
+        letters = [letter for i, letter in enumerate("xyz") if i in model.axes]
+        free = [model.node_names[i] for i in model.free_nodes]
+        if node not in model.node_names:
+            raise InputError(f"--force {text}: {node!r} is no node of {model.name}; free nodes are {', '.join(free)}")
+        if node not in free:
+            raise InputError(f"--force {text}: {node} is fixed to the ground; free nodes are {', '.join(free)}")
+        if axis not in letters:
+            raise InputError(f"--force {text}: {axis!r} is no axis of {model.name}; axes are {', '.join(letters)}")
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(f"--force {text}: {number!r} is not a finite number; write as in {place}=45")
+        force[model.node_names.index(node), "xyz".index(axis)] += value
+    return force
+
+
+def end_of_run(model: Model, result: Result) -> str:
+    """What `tensegrity simulate` prints: the cost of the run, and where it ended."""
+    stats, position = result.stats, result.position[-1]
+    rows = [f"    {name}: {', '.join(f'{x:.6f}' for x in at[list(model.axes)])}" for name, at in zip(model.node_names, position)]
+    forces = [f"    {name}: {force:.6g}" for name, force in zip(model.string_names, result.string_force[-1])]
+    return "\n".join(
+        [
+            f"{model.name}: {result.times[-1]:g} s in {stats['steps']} steps, {len(result.transitions)} transitions, "
+            f"energy ledger closed to {result.ledger_error():.1e}",
+            f"  nodes at the end, {', '.join('xyz'[axis] for axis in model.axes)} in m:",
+            *rows,
+            "  string forces at the end in N:",
+            *forces,
+        ]
+    )
+
+
 COMMANDS = (
     Command("check", "check a scene file and summarise its structure", _scene_argument, check),
+    Command("simulate", "simulate a scene under constant forces", _simulate_arguments, simulate),
+    Command("animate", "film a scene under constant forces as a GIF", _animate_arguments, animate),
     Command("schema", "print the JSON schema of scene files", _no_arguments, schema),
 )
 

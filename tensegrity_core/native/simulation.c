@@ -278,10 +278,13 @@ typedef struct {
     uint64_t magic, model;
 } state_header;
 
-static char *copy_state(ts_sim *sim, char *at, int out)
+enum copy { MEASURE, OUT, IN };
+
+/* Copy the parts of the state to or from `at`, or only add up their sizes. */
+static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
 {
     const ts_model *m = &sim->m;
-    size_t S = (size_t)m->count[TS_S] * sizeof(int32_t);
+    size_t S = (size_t)m->count[TS_S] * sizeof(int32_t), total = 0;
     struct {
         void *data;
         size_t size;
@@ -291,16 +294,16 @@ static char *copy_state(ts_sim *sim, char *at, int out)
         {sim->integers, sizeof(int32_t) * (size_t)m->n_int}, {sim->piece, S}, {sim->clipped, S},
     };
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
-        if (out == 1) memcpy(at, parts[i].data, parts[i].size);
-        if (out == -1) memcpy(parts[i].data, at, parts[i].size);
-        at += parts[i].size;
+        if (direction == OUT) memcpy(at + total, parts[i].data, parts[i].size);
+        if (direction == IN) memcpy(parts[i].data, at + total, parts[i].size);
+        total += parts[i].size;
     }
-    return at;
+    return total;
 }
 
 size_t ts_state_size(const ts_sim *sim)
 {
-    return sizeof(state_header) + (size_t)(copy_state((ts_sim *)sim, NULL, 0) - (char *)NULL) + sizeof(uint64_t);
+    return sizeof(state_header) + copy_state((ts_sim *)sim, NULL, MEASURE) + sizeof(uint64_t);
 }
 
 int ts_save(const ts_sim *sim, void *bytes, size_t size)
@@ -308,7 +311,7 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
     state_header header = {STATE_MAGIC, sim->m.hash};
     if (size != ts_state_size(sim)) return TS_BAD_STATE;
     memcpy(bytes, &header, sizeof header);
-    copy_state((ts_sim *)sim, (char *)bytes + sizeof header, 1);
+    copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT);
     uint64_t hash = ts_fnv(bytes, size - sizeof hash);
     memcpy((char *)bytes + size - sizeof hash, &hash, sizeof hash);
     return TS_OK;
@@ -327,7 +330,7 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
         say(sim, "the saved state is damaged, of another version or of another model");
         return TS_BAD_STATE;
     }
-    copy_state(sim, (char *)bytes + sizeof header, -1);
+    copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->transition_count = 0;
     if (sim->memory.started) {
         /* curves belong to the parameters of ts_initialize(); the present values may hold a newer, refused change */
