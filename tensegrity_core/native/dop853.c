@@ -18,8 +18,8 @@ static void combine(const ts_sim *sim, const double *a, int count, double h, dou
     for (int i = 0; i < ny; i++) out[i] = sim->y[i] + h * out[i];
 }
 
-/* Norm of an error estimate.  The ledger counts too, relative to 1 J and the throughput: a string that is clipped stores
- * and loses energy without the motion feeling it.  (The throughput itself has kinks and does not matter.) */
+/* Norm of an error estimate.  The ledger counts too, relative to 1 J and the throughput (which has kinks itself and does
+ * not matter). */
 static double estimate(ts_sim *sim, const double *e)
 {
     int ny = sim->m.ny, n = ny - 1;

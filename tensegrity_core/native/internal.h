@@ -175,6 +175,7 @@ void ts_switch(ts_sim *sim, double tau, int which);
 /* outputs.c */
 void ts_outputs(ts_sim *sim, double tau);
 double ts_stored_energy(const ts_sim *sim, double tau);
+double ts_clipped_energy(const ts_sim *sim, double tau);
 
 /* integrate.c */
 int ts_integrate(ts_sim *sim, double h);

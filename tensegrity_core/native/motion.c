@@ -82,13 +82,19 @@ ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double gap, double *slope
     return ts_curve_force(c, sim->piece[i], gap, k, slope);
 }
 
-/* Total tension of a string on its present piece, and its elastic part (N). */
-double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
+/* Total tension of a string on its present piece, its elastic part, and what the total would be without clipping (N). */
+ALWAYS_INLINE double tension(const ts_sim *sim, int i, double gap, double rate, double *fs, double *raw)
 {
     double slope;
     *fs = elastic(sim, i, gap, &slope);
-    if (sim->piece[i] == 0 || sim->clipped[i]) return 0.0;
-    return *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate;
+    *raw = sim->piece[i] == 0 ? 0.0 : *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate;
+    return sim->clipped[i] ? 0.0 : *raw;
+}
+
+double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
+{
+    double raw;
+    return tension(sim, i, gap, rate, fs, &raw);
 }
 
 ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, double *Q, double *power, const int D)
@@ -105,10 +111,12 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
         sim->gap_rate[i] = rate;
         if (gap < sim->lo[i] || gap > sim->hi[i]) sim->outside[i] = 1;
         if (sim->piece[i] == 0) continue;
-        double fs, T = ts_tension(sim, i, gap, rate, &fs), density = T * over;
+        double fs, raw, T = tension(sim, i, gap, rate, &fs, &raw), density = T * over;
+        if (m->damping_law == TS_TENSION_ONLY && (raw < 0.0) != (sim->clipped[i] != 0)) sim->outside[i] = 1;
         const ts_term *t = m->term + 4 * i;
         for (int k = 0; k < m->term_count[i]; k++)
             for (int d = 0; d < D; d++) Q[t[k].offset + d] -= t[k].kappa * density * s[d];
+        if (sim->clipped[i]) continue; /* its energy is accounted for in integrate.c */
         double lost = (T - fs) * rate, done = -T * rest_rate[i];
         dissipated += lost;
         work += done;

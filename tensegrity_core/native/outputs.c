@@ -23,6 +23,19 @@ static void energies(const ts_sim *sim, double tau, double *potential, double *e
     }
 }
 
+/* Energy stored in clipped strings (J). */
+double ts_clipped_energy(const ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    double sum = 0.0, gap, rate;
+    for (int i = 0; m->damping_law == TS_TENSION_ONLY && i < m->count[TS_S]; i++) {
+        if (!sim->clipped[i]) continue;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        sum += ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[m->at[TS_STIFFNESS] + i]);
+    }
+    return sum;
+}
+
 double ts_stored_energy(const ts_sim *sim, double tau)
 {
     double potential, elastic;
