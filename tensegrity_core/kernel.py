@@ -135,7 +135,7 @@ class Kernel:
         index = c_int32(-1)
         if self._library.ts_check(self._sim, byref(index)):
             name, place = self.place(index.value)
-            error = InputError(f"{name}[{place}] = {self[name][place]!r} {self._message()}")
+            error = InputError(f"{name}[{place}] = {self[name][place].item()!r} {self._message()}")
             error.index = index.value
             raise error
 

@@ -484,6 +484,21 @@ def test_thousands_of_transitions_in_a_step():
     assert run.ledger_error() < 1e-7
 
 
+@pytest.mark.parametrize("damping, amplitude", [(500, 0.0), (5000, 0.15)])
+def test_a_step_far_too_long_is_rejected_not_accepted(damping, amplitude):
+    """Stages of an unstable step reach 1e140: nothing in the error test may overflow into acceptance."""
+    model = changed(scene("six_bar_nsh"), damping)
+    inputs = square_wave(model, duration=2.0)
+    top = np.zeros(21)
+    top[18:] = amplitude
+    wave = held(model, inputs.times, rest_length=lambda t: model.rest_length + top * np.sin(2.5 * t))
+    both = dataclasses.replace(wave, force=inputs.force)
+    exact = kernel.simulate(model, both, method="dop853", tolerance=1e-12)
+    for method in ("auto", "dop853", "rodas5p"):
+        run = kernel.simulate(model, both, method=method, tolerance=1e-9)
+        assert np.abs(run.position - exact.position).max() < 1e-7
+
+
 def test_one_long_step_equals_many_short_ones():
     model = changed(scene("three_bar_nsh"), 500)
     force = push(model)

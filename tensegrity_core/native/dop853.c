@@ -59,7 +59,8 @@ static double attempt(ts_sim *sim, double tau, double h)
     combine(sim, A[12], 12, h, sim->y1);
     double e5 = estimate(sim, E5), e3 = estimate(sim, E3);
     if (e5 == 0.0) return 0.0;
-    return h * e5 * e5 / sqrt(e5 * e5 + 0.01 * e3 * e3);
+    double ratio = e3 / e5; /* divided before squaring: a wild step must not overflow into acceptance */
+    return h * e5 / sqrt(1.0 + 0.01 * ratio * ratio);
 }
 
 static void accept(ts_sim *sim, double tau, double h)

@@ -163,7 +163,7 @@ int ts_integrate(ts_sim *sim, double end)
         if (n >= TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
         double left = end - tau, h, most = fmin(left, longest);
-        if (fresh) memory->h_next = first_step(sim, method, tau, most);
+        if (fresh) memory->h_next = first_step(sim, method, tau, memory->h_last > 0.0 ? fmin(most, 4.0 * memory->h_last) : most);
         fresh = 0;
         h = fmin(memory->h_next, longest);
         int last = h >= left * (1.0 - 1e-12);
@@ -196,6 +196,7 @@ int ts_integrate(ts_sim *sim, double end)
         tau += passed;
         if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, TS_CHATTERING);
         memory->stats[TS_RESTARTS]++;
+        memory->h_last = h;
         ts_switch(sim, tau, which);
         restart(sim, tau);
         fresh = 1;

@@ -70,7 +70,8 @@ typedef struct {
 typedef struct {
     double time;     /* s, at the last communication point */
     double time_low; /* s, what rounding took from it so far */
-    double h_next;   /* s, step that the controller proposes; 0: none */
+    double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
+    double h_last;   /* s, what it proposed before it had to start afresh; 0: nothing */
     int32_t active;   /* method in use */
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
     int32_t patience; /* how many of them make `auto` leave the explicit method */

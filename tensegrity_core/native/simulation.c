@@ -236,6 +236,7 @@ static void take_inputs(ts_sim *sim)
     double before = sim->values[m->at[TS_POTENTIAL]] + sim->values[m->at[TS_ELASTIC]];
     ts_place_all(sim);
     sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before;
+    if (sim->memory.h_next > 0.0) sim->memory.h_last = sim->memory.h_next;
     sim->memory.h_next = 0.0;
 }
 
