@@ -209,7 +209,8 @@ def sample_times(duration: float, step: float) -> np.ndarray:
     """Communication points, s.  Raises InputError where they do not fit the duration, or where they are too many."""
     count = _positive("--duration", duration) / _positive("--step", step)
     if count > MOST_STEPS:
-        raise InputError(f"--duration = {duration!r} takes {count:.3g} samples, more than {MOST_STEPS}; space them wider")
+        problem = f"--duration = {duration!r} takes {count:.3g} samples, more than {MOST_STEPS}"
+        raise InputError(f"{problem}; space them wider")
     if round(count) < 1 or abs(count - round(count)) > 1e-6:
         whole = max(1, round(count)) * step
         problem = f"--duration = {duration!r} is no multiple of the time between samples, {step:g} s"
@@ -245,8 +246,8 @@ def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
 
 def end_of_run(model: Model, result: Result) -> str:
     """What `tensegrity simulate` prints: the cost of the run, and where it ended."""
-    stats, position = result.stats, result.position[-1]
-    rows = [f"    {name}: {', '.join(f'{x:.6f}' for x in at[list(model.axes)])}" for name, at in zip(model.node_names, position)]
+    stats, places = result.stats, zip(model.node_names, result.position[-1, :, list(model.axes)].T)
+    rows = [f"    {name}: {', '.join(f'{x:.6f}' for x in place)}" for name, place in places]
     forces = [f"    {name}: {force:.6g}" for name, force in zip(model.string_names, result.string_force[-1])]
     return "\n".join(
         [

@@ -1,0 +1,110 @@
+"""A result as a file: columns named as the FMU's outputs, or arrays named as the result's fields."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError
+from .model import Model
+from .result import Result
+
+ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work", "throughput")
+
+
+def columns(model: Model, result: Result) -> dict[str, np.ndarray]:
+    """Name -> (K+1,) series, in the order and with the names of the FMU's outputs; `time` (s) comes first."""
+    found = {"time": result.times}
+
+    def add(names, values):
+        found.update(zip(names, np.asarray(values).T, strict=True))
+
+    def add_vectors(what, values, nodes):
+        names = [f"{model.node_names[i]}{what}.{'xyz'[axis]}" for i in nodes for axis in model.axes]
+        add(names, values[:, nodes[:, None], list(model.axes)].reshape(len(values), -1))
+
+    add_vectors("", result.position, np.arange(len(model.nodes)))
+    add_vectors(".velocity", result.velocity, model.free_nodes)
+    add([f"{name}.force" for name in model.string_names], result.string_force)
+    add([f"{name}.elastic_force" for name in model.string_names], result.elastic_force)
+    add([f"{name}.length" for name in model.string_names], result.string_length)
+    add([f"{name}.force" for name in model.bar_names], result.bar_force)
+    add_vectors(".reaction", result.reaction, model.fixed_nodes)
+    found |= {f"energy.{name}": getattr(result, name) for name in ENERGIES}
+    add([f"{model.string_names[i]}.snapped" for i in model.nsh_strings], result.snapped)
+    return found
+
+
+def write_result(model: Model, result: Result, path: Path) -> None:
+    """Write a result: .csv, one row per communication point (`columns`), or .npz, one array per field of `Result` and
+    the components' names.  The file appears whole or not at all.  Raises InputError, see `require_writable`.
+    """
+    path = require_writable(path, (".csv", ".npz"))
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".csv":
+            _write_csv(columns(model, result), temporary)
+        else:
+            np.savez_compressed(temporary, **_arrays(model, result))
+
+
+def _write_csv(series: dict[str, np.ndarray], path: Path) -> None:
+    """Numbers as their shortest text that reads back to the same value."""
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(series) + "\n")
+        for row in zip(*(values.tolist() for values in series.values())):
+            file.write(",".join(map(repr, row)) + "\n")
+
+
+def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:
+    arrays = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in ("transitions", "stats")}
+    events = [(t.time, t.string, t.before, t.after) for t in result.transitions]
+    arrays["transitions"] = np.array(events, [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4")])
+    for kind in ("node", "bar", "string"):
+        arrays[f"{kind}_names"] = np.array(getattr(model, f"{kind}_names"), dtype=str)
+    return arrays
+
+
+def require_writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
+    """The path, when a file of one of these kinds can be written there.  Raises InputError, naming the remedy."""
+    path = Path(path)
+    shown = f"output = {str(path)!r}"
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{shown} does not end in {' or '.join(suffixes)}; name such a file")
+    if path.is_dir():
+        raise InputError(f"{shown} is a folder; name a file in it")
+    if not path.parent.is_dir():
+        raise InputError(f"{shown}: the folder {path.parent} does not exist; make it first")
+    return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary file beside `path` that takes its place when the block ends well, and is removed when it does not.
+
+    Raises InputError where nothing can be written there.
+    """
+    path = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+    except OSError as failure:
+        raise _not_writable(path, failure) from failure
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    except OSError as failure:
+        raise _not_writable(path, failure) from failure
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _not_writable(path: Path, failure: OSError) -> InputError:
+    return InputError(f"output = {str(path)!r} cannot be written: {failure.strerror}; name another file")

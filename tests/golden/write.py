@@ -1,0 +1,38 @@
+"""Write the golden trajectories: ``python tests/golden/write.py``.  Run it only when the physics is meant to change.
+
+They come from the reference alone: half a second of the asymmetric push, positions and tensions at ten instants.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent)]
+
+from support import push, scene  # noqa: E402
+
+from tensegrity_core import reference  # noqa: E402
+from tensegrity_core.inputs import grid, held  # noqa: E402
+from tensegrity_core.scene import builtin_scenes  # noqa: E402
+
+DURATION, STEP = 0.5, 0.05
+
+
+def inputs(model):
+    """The asymmetric push, held for the whole run."""
+    force = push(model)
+    return held(model, grid(DURATION, STEP), force=lambda t: force)
+
+
+def main() -> None:
+    for name in builtin_scenes():
+        model = scene(name)
+        run = reference.simulate(model, inputs(model))
+        rows = {"position": run.position[:, model.free_nodes].tolist(), "string_force": run.string_force.tolist()}
+        rows["transitions"] = [[t.time, t.string, t.before, t.after] for t in run.transitions]
+        (HERE / f"{name}.json").write_text(json.dumps(rows) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

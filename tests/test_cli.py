@@ -1,0 +1,168 @@
+"""The subcommands `simulate` and `animate`: what they write, and what they refuse."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from support import scene
+
+from fmu_src.interface import variables
+from tensegrity_core import export
+from tensegrity_core.cli import main
+from tensegrity_core.inputs import grid, held
+from tensegrity_core.kernel import simulate
+
+SHORT = ["--duration", "0.2", "--step", "0.05"]
+
+
+def lifted(name):
+    """The run that `simulate NAME --force n4.z=45 n4.x=-3` with SHORT makes."""
+    model = scene(name)
+    force = np.zeros((len(model.nodes), 3))
+    force[model.node_names.index("n4")] = -3.0, 0.0, 45.0
+    return model, simulate(model, held(model, grid(0.2, 0.05), force=lambda t: force))
+
+
+@pytest.mark.parametrize("name", ["two_bar_nsh", "three_bar_nsh"])
+def test_csv_has_the_names_of_the_fmus_outputs_and_every_digit(name, tmp_path, capsys):
+    path = tmp_path / "run.csv"
+    assert main(["simulate", name, "--force", "n4.z=45", "n4.x=-3", *SHORT, "--output", str(path)]) == 0
+    model, expected = lifted(name)
+    header, *rows = path.read_text().splitlines()
+    outputs = [row.name for row in variables(model) if row.causality == "output"]
+    assert header.split(",") == ["time", *outputs]
+    values = dict(zip(header.split(","), np.array([row.split(",") for row in rows], dtype=float).T))
+    np.testing.assert_array_equal(values["time"], expected.times)
+    np.testing.assert_array_equal(values["n4.z"], expected.position[:, 3, 2])
+    np.testing.assert_array_equal(values["s2.force"], expected.string_force[:, 1])
+    np.testing.assert_array_equal(values["n1.reaction.x"], expected.reaction[:, 0, 0])
+    np.testing.assert_array_equal(values["n4.velocity.z"], expected.velocity[:, 3, 2])
+    shown = capsys.readouterr().out
+    assert f"{expected.position[-1, 3, 2]:.6f}" in shown and str(path) in shown
+
+
+def test_npz_has_the_fields_of_the_result(tmp_path):
+    path = tmp_path / "run.npz"
+    assert main(["simulate", "three_bar_nsh", "--force", "n4.z=45", "n4.x=-3", *SHORT, "--output", str(path)]) == 0
+    model, expected = lifted("three_bar_nsh")
+    with np.load(path, allow_pickle=False) as stored:
+        for name in ("times", "position", "velocity", "string_force", "bar_force", "reaction", "snapped", "dissipated"):
+            np.testing.assert_array_equal(stored[name], getattr(expected, name), err_msg=name)
+        assert stored["string_names"].tolist() == list(model.string_names)
+        assert stored["transitions"]["time"].tolist() == [t.time for t in expected.transitions]
+        assert len(stored["transitions"])
+
+
+def test_forces_on_one_place_add_up_and_options_repeat(tmp_path):
+    once, twice = tmp_path / "a.csv", tmp_path / "b.csv"
+    assert main(["simulate", "two_bar", "--force", "n4.z=45", *SHORT, "--output", str(once)]) == 0
+    split = ["--force", "n4.z=40", "--force", "n4.z=5"]
+    assert main(["simulate", "two_bar", *split, *SHORT, "--output", str(twice)]) == 0
+    assert once.read_bytes() == twice.read_bytes()
+
+
+def test_without_forces_the_structure_stays(capsys):
+    assert main(["simulate", "two_bar", *SHORT]) == 0
+    assert "n3: 0.826000, 0.985000" in capsys.readouterr().out
+
+
+def test_method_and_tolerance_reach_the_kernel(capsys):
+    steps = []
+    for options in (["--tolerance", "1e-4"], ["--tolerance", "1e-12"], ["--method", "rodas5p", "--tolerance", "1e-12"]):
+        assert main(["simulate", "three_bar_nsh", "--force", "n4.z=45", *SHORT, *options]) == 0
+        steps.append(int(capsys.readouterr().out.split(" s in ")[1].split(" steps")[0]))
+    assert steps[0] < steps[1] < steps[2]
+
+
+def test_animate_films_at_the_given_speed(tmp_path, capsys):
+    path = tmp_path / "film.gif"
+    options = ["--duration", "0.4", "--speed", "2", "--fps", "20", "--output", str(path)]
+    assert main(["animate", "two_bar_nsh", "--force", "n4.z=45", *options]) == 0
+    with Image.open(path) as film:
+        assert (film.n_frames, film.info["duration"]) == (5, 50)
+    assert "5 frames" in capsys.readouterr().out
+
+
+BAD = {
+    "unknown node": (["--force", "n9.z=1"], ["n9.z=1", "'n9'", "n3, n4"]),
+    "fixed node": (["--force", "n1.z=1"], ["n1 is fixed", "n3, n4"]),
+    "axis outside the plane": (["--force", "n3.y=1"], ["'y'", "x, z"]),
+    "no number": (["--force", "n3.z=much"], ["'much'", "n3.z=45"]),
+    "not a finite force": (["--force", "n3.z=nan"], ["'nan'", "n3.z=45"]),
+    "infinite force": (["--force", "n3.z=1e400"], ["'1e400'"]),
+    "no equals sign": (["--force", "n3.z"], ["n3.z", "NODE.AXIS=N"]),
+    "no axis": (["--force", "n3=1"], ["n3=1", "NODE.AXIS=N"]),
+    "negative duration": (["--duration", "-1"], ["--duration = -1.0", "greater than 0"]),
+    "duration is no number": (["--duration", "nan"], ["--duration = nan"]),
+    "bad tolerance": (["--tolerance", "0"], ["--tolerance = 0.0"]),
+    "tolerance out of range": (["--tolerance", "5"], ["tolerance", "5.0", "0.1"]),
+}
+
+
+@pytest.mark.parametrize("command, output", [("simulate", "run.csv"), ("animate", "film.gif")])
+@pytest.mark.parametrize("options, words", BAD.values(), ids=BAD)
+def test_bad_input_is_named_and_nothing_is_written(command, output, options, words, tmp_path, capsys):
+    assert main([command, "two_bar", *options, "--output", str(tmp_path / output)]) == 2
+    captured = capsys.readouterr()
+    assert not captured.out
+    assert len(captured.err.splitlines()) == 1
+    for word in words:
+        assert word in captured.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "command, options, words",
+    [
+        ("simulate", ["--step", "0"], ["--step = 0.0"]),
+        ("simulate", ["--duration", "1", "--step", "0.3"], ["no multiple", "0.3 s", "give 0.9"]),
+        ("simulate", ["--duration", "1", "--step", "1e-9"], ["1e+09 samples", "1000000"]),
+        ("animate", ["--fps", "0"], ["--fps = 0"]),
+        ("animate", ["--fps", "60"], ["--fps = 60", "50"]),
+        ("animate", ["--speed", "inf"], ["--speed = inf"]),
+    ],
+)
+def test_bad_sampling_is_named(command, options, words, tmp_path, capsys):
+    output = tmp_path / {"simulate": "run.csv", "animate": "film.gif"}[command]
+    assert main([command, "two_bar", *options, "--output", str(output)]) == 2
+    shown = capsys.readouterr().err
+    for word in words:
+        assert word in shown
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "command, output, words",
+    [
+        ("simulate", "run.txt", [".csv or .npz"]),
+        ("simulate", "none/run.csv", ["does not exist", "none"]),
+        ("simulate", "folder.csv", ["is a folder"]),
+        ("animate", "film.mp4", [".gif"]),
+    ],
+)
+def test_bad_outputs_are_refused_before_the_run(command, output, words, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("tensegrity_core.cli.run_kernel", lambda *_: pytest.fail("it ran"))
+    (tmp_path / "folder.csv").mkdir()
+    assert main([command, "two_bar", "--output", str(tmp_path / output)]) == 2
+    shown = capsys.readouterr().err
+    for word in words:
+        assert word in shown
+    assert [p.name for p in tmp_path.iterdir()] == ["folder.csv"]
+
+
+def test_unknown_scene_exits_with_2(tmp_path, capsys):
+    assert main(["simulate", "three_bars", "--output", str(tmp_path / "run.csv")]) == 2
+    assert "Did you mean three_bar?" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), export.replacing(path) as temporary:
+        temporary.write_text("half")
+        raise ZeroDivisionError
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.csv", "old")]
+    with export.replacing(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.csv", "new")]

@@ -1,0 +1,228 @@
+"""The exact NSH law against known values, an independent bisection, quadrature and differences."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from tensegrity_core import nsh
+from tensegrity_core.errors import InputError
+from tensegrity_core.model import NSH
+
+ARTICLE = NSH(Q=(6.0, 8.0, 10.0, 12.0), zeta=(3.0, 4.0, 5.0, 6.0), h=(0.01, 0.01, 0.015, 0.01))
+K = 5000.0
+
+
+def beam(Q, zeta, x):
+    """Eq. 11 as the article prints it."""
+    return Q * (zeta * x**3 - 3.0 * zeta * x**2 + 2.0 * (1.0 + zeta) * x)
+
+
+def bisect_root(Q, zeta, f, low, high):
+    """x in [low, high] with beam = f, by plain bisection."""
+    sign = math.copysign(1.0, beam(Q, zeta, high) - beam(Q, zeta, low))
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if sign * (beam(Q, zeta, middle) - f) < 0.0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def algorithm_1(n: NSH, f: float, already_snapped: set[int]) -> float:
+    """Elongation on a rise, m: beams that have snapped on III (at 2h beyond 4Q), the others on I."""
+    total = 0.0
+    for i, (Q, zeta, h) in enumerate(zip(n.Q, n.zeta, n.h)):
+        s = math.sqrt((zeta - 2.0) / (3.0 * zeta))
+        if i not in already_snapped:
+            total += h * bisect_root(Q, zeta, f, 0.0, 1.0 - s)
+        else:
+            total += 2.0 * h if f >= 4.0 * Q else h * bisect_root(Q, zeta, f, 1.0 + s, 2.0)
+    return total
+
+
+beams = st.tuples(st.floats(0.5, 50.0), st.floats(2.05, 7.95), st.floats(1e-3, 0.05))
+honeycombs = st.lists(beams, min_size=1, max_size=6).map(lambda rows: NSH(*(tuple(c) for c in zip(*rows))))
+
+
+def test_article_extrema():
+    f_max = [nsh.beam_extrema(*b).f_max for b in zip(ARTICLE.Q, ARTICLE.zeta, ARTICLE.h)]
+    f_min = [nsh.beam_extrema(*b).f_min for b in zip(ARTICLE.Q, ARTICLE.zeta, ARTICLE.h)]
+    np.testing.assert_allclose(f_max, [13.333, 20.355, 28.944, 39.085], atol=5e-4)
+    np.testing.assert_allclose(f_min, [10.667, 11.645, 11.056, 8.915], atol=5e-4)
+
+
+def test_article_curve():
+    for force, centimetres in ((39.0, 7.487), (39.2, 8.934), (48.0, 9.0)):
+        assert nsh.elongation(ARTICLE, force) * 100.0 == pytest.approx(centimetres, abs=5e-4)
+    ends = nsh.breakpoints(ARTICLE)
+    assert len(ends) == 13 and ends[0] == 0.0 and ends[-1] == pytest.approx(0.09, rel=1e-15)
+    # Rises end at f_max, or at 4Q of a beam that has snapped before: 24, 32, 40 and at last 48 N.
+    f_max = [nsh.beam_extrema(*b).f_max for b in zip(ARTICLE.Q, ARTICLE.zeta, ARTICLE.h)]
+    first, second, third, fourth = f_max
+    expected = [0.0, first, first, second, second, 24.0, third, third, 32.0, fourth, fourth, 40.0, 48.0]
+    np.testing.assert_allclose(nsh.force(ARTICLE, ends, K), expected, rtol=1e-14)
+    assert nsh.snapped(ARTICLE, ends + 1e-9).tolist() == [0, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 4]
+    assert nsh.snapped(ARTICLE, ends).tolist() == [0, 0, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4]
+
+
+def test_slack_and_bottomed_out():
+    total = float(nsh.breakpoints(ARTICLE)[-1])
+    for function in (nsh.force, nsh.stiffness, nsh.energy):
+        assert function(ARTICLE, -0.01, K) == 0.0 and function(ARTICLE, 0.0, K) == 0.0
+    assert nsh.force(ARTICLE, total + 0.002, K) == pytest.approx(48.0 + 0.002 * K, rel=1e-13)
+    assert nsh.stiffness(ARTICLE, total + 0.002, K) == K
+    beyond = nsh.energy(ARTICLE, total + 0.002, K) - nsh.energy(ARTICLE, total, K)
+    assert beyond == pytest.approx(48.0 * 0.002 + 0.5 * K * 0.002**2, rel=1e-12)
+    assert nsh.elongation(ARTICLE, 58.0, K) == pytest.approx(total + 10.0 / K, rel=1e-14)
+    assert [nsh.piece_of(ARTICLE, x) for x in (-1.0, 0.0, 1e-30, total, total * (1 + 1e-15))] == [0, 0, 1, 12, 13]
+
+
+def test_snap_follows_its_own_beam_with_the_others_held():
+    start, end = nsh.breakpoints(ARTICLE)[[6, 7]]
+    held = nsh.displacements(ARTICLE, start)
+    for xi in np.linspace(start, end, 7)[1:-1]:
+        u = nsh.displacements(ARTICLE, xi)
+        np.testing.assert_array_equal(np.delete(u, 2), np.delete(held, 2))
+        assert nsh.force(ARTICLE, xi, K) == pytest.approx(beam(10.0, 5.0, u[2] / 0.015), rel=1e-14)
+        assert u.sum() == pytest.approx(xi, rel=1e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(Q=st.floats(0.5, 50.0), zeta=st.floats(2.01, 7.99), h=st.floats(1e-3, 0.1),
+       part=st.just(0.0) | st.floats(1e-9, 1.0))
+def test_beam_roots(Q, zeta, h, part):
+    e = nsh.beam_extrema(Q, zeta, h)
+    between = e.f_min + part * (e.f_max - e.f_min)
+    for region, f, low, high in (("I", part * e.f_max, 0.0, e.u_max), ("II", between, e.u_max, e.u_min),
+                                 ("III", e.f_min + part * (4.0 * Q - e.f_min), e.u_min, 2.0 * h)):
+        u = nsh.beam_displacement(Q, zeta, h, f, region)
+        assert low * (1 - 1e-14) <= u <= high * (1 + 1e-14)
+        # Round-off of the law's own terms; where they do not cancel (small x) this is round-off of f.
+        x = u / h
+        terms = Q * (zeta * x**3 + 3.0 * zeta * x**2 + 2.0 * (1.0 + zeta) * x)
+        assert abs(nsh.beam_force(Q, zeta, h, u) - f) <= 5e-16 * terms
+        assert abs(beam(Q, zeta, x) - f) <= 5e-16 * terms
+    with pytest.raises(InputError, match="region II"):
+        nsh.beam_displacement(Q, zeta, h, e.f_max * 1.01, "II")
+
+
+@settings(max_examples=40, deadline=None)
+@given(honeycombs, st.floats(0.0, 1.0))
+def test_rises_invert_algorithm_1(n, part):
+    """On every rise: f from xi, and xi from f, against plain bisection."""
+    ends, before = nsh.breakpoints(n), 0.0
+    order = sorted(range(len(n.Q)), key=lambda i: nsh.beam_extrema(n.Q[i], n.zeta[i], n.h[i]).f_max)
+    tops = [nsh.beam_extrema(n.Q[i], n.zeta[i], n.h[i]).f_max for i in order] + [4.0 * max(n.Q)]
+    for count, top in enumerate(tops):
+        f = before + (0.001 + 0.998 * part) * (top - before)
+        if top > before * 1.001:
+            xi = algorithm_1(n, f, set(order[:count]))
+            # d(force) = f' d(xi): the bisection's own round-off in xi passes through the stiffness.
+            slack = 1e-13 * f + 4e-16 * ends[-1] * nsh.stiffness(n, xi, K)
+            assert abs(nsh.force(n, xi, K) - f) <= slack
+            assert nsh.elongation(n, f) == pytest.approx(xi, rel=1e-9)
+            assert abs(nsh.force(n, nsh.elongation(n, f), K) - f) <= slack
+            assert nsh.snapped(n, xi) == count
+        before = top
+
+
+@settings(max_examples=30, deadline=None)
+@given(honeycombs)
+def test_curve_is_continuous_and_consistent(n):
+    ends = nsh.breakpoints(n)
+    assert (np.diff(ends) > 0.0).all() and ends[-1] == pytest.approx(2.0 * sum(n.h), rel=1e-14)
+    scale = 4.0 * max(n.Q)
+    for p in range(1, len(ends)):
+        here = nsh.force(n, ends[p], K)
+        assert abs(nsh.force_on_piece(n, p, ends[p], K) - here) <= 1e-13 * scale
+        assert abs(nsh.force_on_piece(n, p + 1, ends[p], K) - here) <= 1e-13 * scale
+        for xi in ends[p - 1] + np.array([0.17, 0.52, 0.86]) * (ends[p] - ends[p - 1]):
+            u = nsh.displacements(n, xi)
+            assert u.sum() == pytest.approx(xi, rel=1e-14)
+            assert nsh.energy(n, xi, K) == pytest.approx(
+                sum(nsh.beam_energy(*b, x) for *b, x in zip(n.Q, n.zeta, n.h, u)), rel=1e-14)
+            step = 1e-4 * (ends[p] - ends[p - 1])
+            around = nsh.force(n, np.array([xi - step, xi + step]), K)
+            slope = (around[1] - around[0]) / (2.0 * step)
+            spread = np.ptp(nsh.stiffness(n, np.array([xi - step, xi + step]), K))
+            assert abs(nsh.stiffness(n, xi, K) - slope) <= spread + 1e-13 * scale / step
+
+
+@pytest.mark.parametrize("n", [ARTICLE, NSH((6.0,), (3.0,), (0.01,)), NSH((5.0,) * 3, (4.0,) * 3, (0.01, 0.02, 0.01))])
+def test_energy_is_the_integral_of_force(n):
+    ends = nsh.breakpoints(n)
+    work = 0.0
+    for low, high in zip(ends[:-1], ends[1:]):
+        work += quad(lambda x: nsh.force(n, x, K), low, high, epsabs=1e-14, epsrel=1e-13)[0]
+        assert nsh.energy(n, high, K) == pytest.approx(work, rel=1e-10)
+
+
+def test_equal_beams_snap_lowest_index_first():
+    n = NSH((6.0, 6.0, 6.0), (3.0, 3.0, 3.0), (0.01, 0.02, 0.01))
+    assert len(nsh.curve(n).pieces) == 5        # a rise, three snaps, a rise: no pieces of length zero between snaps
+    ends = nsh.breakpoints(n)
+    for p, first in zip((2, 3, 4), (0, 1, 2)):
+        moved = nsh.displacements(n, ends[p]) - nsh.displacements(n, ends[p - 1])
+        assert np.flatnonzero(moved > 1e-6).tolist() == [first]
+    x = nsh.displacements(n, 0.6 * ends[1]) / np.array(n.h)
+    np.testing.assert_allclose(x, x[0], rtol=1e-15)
+    # Three equal beams share the elongation, so the series is one beam of the summed height.
+    alone = NSH((6.0,), (3.0,), (0.04,))
+    xi = np.linspace(0.0, ends[1], 9)
+    np.testing.assert_allclose(nsh.force(n, xi, K), nsh.force(alone, xi, K), rtol=1e-13)
+
+
+def test_one_beam_is_eq_11():
+    n = NSH((7.0,), (5.5,), (0.012,))
+    xi = np.linspace(0.0, 0.024, 41)
+    np.testing.assert_allclose(nsh.force(n, xi, K), [beam(7.0, 5.5, x / 0.012) for x in xi], rtol=1e-12, atol=1e-14)
+
+
+def test_continuation_past_a_piece_is_smooth():
+    """Second order contact: third differences across the end of a piece are of third order."""
+    ends = nsh.breakpoints(ARTICLE)
+    for p in range(1, len(ends)):
+        for end, sign in ((ends[p - 1], -1.0), (ends[p], 1.0)):
+            step = 1e-6
+            f = [nsh.force_on_piece(ARTICLE, p, end + sign * m * step, K) for m in (-2, -1, 0, 1, 2)]
+            third = f[4] - 3.0 * f[3] + 3.0 * f[2] - f[1]
+            assert abs(third) < 5e-9, (p, end)      # a jump of slope by 1 N/m would give 1e-6
+
+
+def test_very_different_beams():
+    n = NSH((0.01, 500.0, 3.0), (2.1, 7.9, 5.0), (0.5, 1e-4, 0.02))
+    ends = nsh.breakpoints(n)
+    order = sorted(range(3), key=lambda i: n.Q[i])
+    f = 100.0
+    assert nsh.force(n, algorithm_1(n, f, set(order[:2])), K) == pytest.approx(f, rel=1e-9)
+    xi = ends[0] + 0.5 * ends[1]
+    f = nsh.force(n, xi, K)
+    independent = brentq(lambda g: algorithm_1(n, g, set()) - xi, 0.0, nsh.force(n, ends[1], K), xtol=1e-18, rtol=1e-15)
+    assert f == pytest.approx(independent, rel=1e-12)
+
+
+@pytest.mark.parametrize("bad, message", [
+    (NSH((6.0,), (8.0,), (0.01,)), r"nsh.zeta\[1\] = 8.0: the beam is bistable"),
+    (NSH((6.0, 6.0), (3.0, 2.0), (0.01, 0.01)), r"nsh.zeta\[2\] = 2.0: the beam is monotone"),
+    (NSH((6.0,), (math.nan,), (0.01,)), r"nsh.zeta\[1\] = nan"),
+    (NSH((-6.0,), (3.0,), (0.01,)), r"nsh.Q\[1\] = -6.0"),
+    (NSH((6.0,), (3.0,), (math.inf,)), r"nsh.h\[1\] = inf"),
+    (NSH((6.0, 1.0), (3.0,), (0.01,)), "one value of each per beam"),
+    (NSH((), (), ()), "at least one beam"),
+])
+def test_bad_parameters_are_named(bad, message):
+    with pytest.raises(InputError, match=message):
+        nsh.breakpoints(bad)
+
+
+def test_bad_requests():
+    with pytest.raises(InputError, match="bottomed out at 48"):
+        nsh.elongation(ARTICLE, 50.0)
+    with pytest.raises(InputError, match="-1.0 N"):
+        nsh.elongation(ARTICLE, -1.0)
+    assert math.isnan(nsh.force(ARTICLE, math.nan, K))
+    with pytest.raises(InputError, match="zeta = 1.5"):
+        nsh.beam_extrema(6.0, 1.5, 0.01)
