@@ -1,0 +1,1 @@
+"""FMUs from tensegrity models: interface, description, packing, the runtime inside, validation from outside."""

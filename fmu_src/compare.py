@@ -1,0 +1,153 @@
+"""Compares an FMU's run with the reference's, sample by sample and transition by transition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tensegrity_core.fields import FIELDS, INTEGER_FIELDS
+from tensegrity_core.model import Model
+from tensegrity_core.result import Result, Transition
+
+from .interface import Variable
+
+#: Bounds: positions, m; forces, N and relative to the largest force of the run; energy ledger.
+POSITION_BOUND, FORCE_BOUND, FORCE_RELATIVE, LEDGER_BOUND = 1e-7, 1e-3, 1e-6, 1e-8
+#: Forces jump at transitions: samples this close to one are left out, s.
+WINDOW = 1e-6
+#: Start error whose growth is measured, m, and the growth past which comparing at POSITION_BOUND makes no sense, m.
+PERTURBATION, SENSITIVE = 1e-12, 1e-8
+
+FORCES = ("string_force", "elastic_force", "bar_force", "reaction")
+ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Largest differences.  position, length: m; velocity: m/s; force: N over all kinds of forces, force_bound its bound;
+    energy: J; snapped: samples that differ; ledger: of the FMU, relative; transitions: numbers in reference and FMU, those without
+    a partner, and the largest difference in time of partners, s; sensitivity: m, growth of PERTURBATION; until: s, how
+    long the runs were compared; left_out: samples near transitions.
+    """
+
+    position: float
+    length: float
+    velocity: float
+    force: float
+    force_bound: float
+    energy: float
+    snapped: int
+    ledger: float
+    transitions: tuple[int, int]
+    unmatched: int
+    transition_time: float
+    sensitivity: float
+    until: float
+    left_out: int
+
+    @property
+    def failures(self) -> list[str]:
+        """What passed its bound, in words; NaN fails."""
+        bounds = (
+            ("position error", self.position, POSITION_BOUND, "m"),
+            ("force error", self.force, self.force_bound, "N"),
+            ("energy ledger", self.ledger, LEDGER_BOUND, "relative"),
+        )
+        return [f"{name} {value:.2g} > {bound:.2g} {unit}" for name, value, bound, unit in bounds if not value <= bound]
+
+
+def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs: np.ndarray) -> dict[str, np.ndarray]:
+    """An FMU's outputs (K+1, n) by field, in the shapes of `Result` (planar scenes: y of positions is the scene's)."""
+    column = {name: i for i, name in enumerate(names)}
+    found = {}
+    for field in (*FIELDS, *INTEGER_FIELDS):
+        if field.role != "output":
+            continue
+        at = [column[row.name] for row in table if row.field == field.name]
+        values = outputs[:, at]
+        if field.shape[-1:] == ("D",):
+            nodes = {"N": np.arange(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes}[field.shape[0]]
+            full = np.zeros((len(values), len(model.nodes), 3))
+            if field.name == "position":
+                full[:] = model.nodes
+            full[:, nodes[:, None], list(model.axes)] = values.reshape(len(values), len(nodes), len(model.axes))
+            values = full
+        found[field.name] = values if field.shape else values[:, 0]
+    return found
+
+
+def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transition], growth: np.ndarray) -> Comparison:
+    """fmu: from `series`; events: the FMU's transitions; growth (K+1,): what became of PERTURBATION, m."""
+    times = reference.times
+    steady = np.maximum.accumulate(growth) <= SENSITIVE
+    rows = len(times) if steady.all() else max(1, int(np.argmin(steady)))
+    until = float(times[rows - 1])
+    ours = [t for t in reference.transitions if t.time <= until]
+    theirs = [t for t in events if t.time <= until]
+    clear = _away_from([t.time for t in ours + theirs], times[:rows])
+
+    def gap(name: str, chosen=slice(None)) -> float:
+        difference = np.abs(getattr(reference, name)[:rows] - fmu[name][:rows])[chosen]
+        return float(np.max(difference, initial=0.0))
+
+    largest = max(float(np.max(np.abs(getattr(reference, name)[:rows]), initial=0.0)) for name in FORCES)
+    unmatched, shift = match(ours, theirs)
+    return Comparison(
+        position=gap("position"),
+        length=gap("string_length"),
+        velocity=gap("velocity"),
+        force=max(gap(name, clear) for name in FORCES),
+        force_bound=FORCE_BOUND + FORCE_RELATIVE * largest,
+        energy=max(gap(name) for name in ENERGIES),
+        snapped=int(np.sum(np.any(reference.snapped[:rows] != fmu["snapped"][:rows], axis=1)[clear])),
+        ledger=_ledger(fmu, rows),
+        transitions=(len(ours), len(theirs)),
+        unmatched=unmatched,
+        transition_time=shift,
+        sensitivity=float(np.max(growth)),
+        until=until,
+        left_out=int(rows - np.sum(clear)),
+    )
+
+
+def _away_from(instants: list[float], times: np.ndarray) -> np.ndarray:
+    """(K+1,) bool: no instant within WINDOW."""
+    if not instants:
+        return np.ones(len(times), dtype=bool)
+    instants = np.sort(instants)
+    right = np.searchsorted(instants, times)
+    nearest = np.minimum(
+        np.abs(times - instants[np.clip(right, 0, len(instants) - 1)]),
+        np.abs(times - instants[np.clip(right - 1, 0, len(instants) - 1)]),
+    )
+    return nearest > WINDOW
+
+
+def match(ours: list[Transition], theirs: list[Transition], reach: float = 1e-3) -> tuple[int, float]:
+    """Pairs transitions of the same kind in order of time.  Returns how many have no partner within `reach`, s, and the
+    largest difference in time of partners, s.
+    """
+    kinds: dict[tuple, tuple[list[float], list[float]]] = {}
+    for side, found in enumerate((ours, theirs)):
+        for t in found:
+            kinds.setdefault((t.string, t.before, t.after), ([], []))[side].append(t.time)
+    unmatched, shift = 0, 0.0
+    for first, second in kinds.values():
+        first, second = sorted(first), sorted(second)
+        i = j = 0
+        while i < len(first) and j < len(second):
+            if abs(first[i] - second[j]) <= reach:
+                shift = max(shift, abs(first[i] - second[j]))
+                i, j = i + 1, j + 1
+            else:
+                unmatched += 1
+                i, j = (i + 1, j) if first[i] < second[j] else (i, j + 1)
+        unmatched += len(first) - i + len(second) - j
+    return unmatched, shift
+
+
+def _ledger(fmu: dict[str, np.ndarray], rows: int) -> float:
+    """Largest gap in the FMU's energy ledger, relative to the integral of the sum of |power|, at least 1 J."""
+    balance = fmu["kinetic"] + fmu["potential"] + fmu["elastic"] + fmu["dissipated"] - fmu["input_work"]
+    return float(np.max(np.abs(balance - balance[0])[:rows]) / max(1.0, float(fmu["throughput"][rows - 1])))

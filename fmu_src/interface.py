@@ -1,0 +1,223 @@
+"""The variable table of an FMU: one row per variable, generated from `fields.FIELDS` and a model.
+
+A variable's value reference is its index in the kernel's block of reals; the integers follow, so that references are
+unique over all types.  Both FMU runtimes, their description and their documentation read this table.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.model import Model
+
+from .dependencies import initial_dependencies
+
+AXES = "xyz"
+
+#: How a variable of each field is called.  Letters are the counts of `fields.COUNTS`: the component's name or axis;
+#: {beam} counts the beams of one NSH from 1.
+NAMES = {
+    "force": "{F}.force.{D}",
+    "rest_length": "{S}.rest_length",
+    "rest_length_rate": "{S}.rest_length_rate",
+    "stiffness": "{S}.stiffness",
+    "damping": "{S}.damping",
+    "gravity": "gravity",
+    "bar_mass": "{B}.mass",
+    "nsh_Q": "{Z}.nsh.Q[{beam}]",
+    "nsh_zeta": "{Z}.nsh.zeta[{beam}]",
+    "nsh_h": "{Z}.nsh.h[{beam}]",
+    "tolerance": "solver.tolerance",
+    "max_step": "solver.step",
+    "position": "{N}.{D}",
+    "velocity": "{F}.velocity.{D}",
+    "string_force": "{S}.force",
+    "elastic_force": "{S}.elastic_force",
+    "string_length": "{S}.length",
+    "bar_force": "{B}.force",
+    "reaction": "{G}.reaction.{D}",
+    "kinetic": "energy.kinetic",
+    "potential": "energy.potential",
+    "elastic": "energy.elastic",
+    "dissipated": "energy.dissipated",
+    "input_work": "energy.input_work",
+    "throughput": "energy.throughput",
+    "method": "solver.method",
+    "snapped": "{H}.snapped",
+}
+
+#: Causality, variability and initial of FMI by the role of a field.
+ROLES = {
+    "input": ("input", "continuous", None),
+    "tunable": ("parameter", "tunable", "exact"),
+    "fixed": ("parameter", "fixed", "exact"),
+    "output": ("output", "continuous", "calculated"),
+}
+
+#: The smallest number that counts as positive.
+POSITIVE = sys.float_info.min
+
+#: Values that the kernel accepts (ts_check in native/simulation.c): field -> (smallest, largest); None: any finite number.
+LIMITS = {
+    "rest_length": (0.0, None),
+    "stiffness": (0.0, None),
+    "damping": (0.0, None),
+    "bar_mass": (POSITIVE, None),
+    "nsh_Q": (POSITIVE, None),
+    "nsh_zeta": (math.nextafter(2.0, 8.0), math.nextafter(8.0, 2.0)),
+    "nsh_h": (POSITIVE, None),
+    "tolerance": (1e-14, 0.1),
+    "max_step": (0.0, None),
+    "string_length": (0.0, None),
+    "kinetic": (0.0, None),
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One row.  Attributes are those of FMI; `field` names the row of `fields.FIELDS`; `known` are the value references
+    on which an output depends in Initialization Mode; a bound that does not exist is None.
+    """
+
+    name: str
+    reference: int
+    kind: str
+    causality: str
+    variability: str
+    initial: str | None
+    unit: str | None
+    start: float | int | None
+    min: float | int | None
+    max: float | int | None
+    nominal: float | None
+    description: str
+    field: str
+    known: tuple[int, ...]
+
+
+def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
+    """All variables in order of their value references.  naming: 'structured' (n4.force.x) or 'flat' (n4_force_x).
+
+    Raises ValueError where two variables would get the same name.
+    """
+    start = Kernel(model)
+    known = initial_dependencies(model)
+    rows = []
+    for fields, starts in ((FIELDS, start.values), (INTEGER_FIELDS, start.integers)):
+        offset = len(rows)
+        for field in fields:
+            for component in _components(field, model):
+                at = len(rows) - offset
+                value = starts[at].item() if field.role != "output" else None
+                rows.append(_variable(field, component, len(rows), value, model, known, naming))
+    _require_unique(rows)
+    return tuple(rows)
+
+
+def _variable(field, component, reference, start, model, known, naming) -> Variable:
+    name = NAMES[field.name].format(**component)
+    causality, variability, initial = ROLES[field.role]
+    low, high = _limits(field, component, model)
+    kind = "Real"
+    if field in INTEGER_FIELDS:
+        kind = "Enumeration" if field.name == "method" else "Integer"
+        variability = "discrete" if field.role == "output" else variability
+    return Variable(
+        name=flat(name) if naming == "flat" else name,
+        reference=reference,
+        kind=kind,
+        causality=causality,
+        variability=variability,
+        initial=initial,
+        unit=field.unit if kind == "Real" else None,
+        start=start,
+        min=low,
+        max=high,
+        nominal=_nominal(field, start, model) if kind == "Real" else None,
+        description=_description(field, component),
+        field=field.name,
+        known=tuple(sorted(known.get(reference, ()))),
+    )
+
+
+def flat(name: str) -> str:
+    """n4.force.x -> n4_force_x, s1.nsh.Q[1] -> s1_nsh_Q_1."""
+    return re.sub(r"[.\[]", "_", name.replace("]", ""))
+
+
+def _components(field: Field, model: Model) -> Iterator[dict[str, object]]:
+    """What stands for each letter of the field's shape, in row-major order."""
+    axes = [{"D": AXES[i]} for i in model.axes]
+    letters = {
+        "D": axes,
+        "N": [{"N": name} for name in model.node_names],
+        "F": [{"F": model.node_names[i]} for i in model.free_nodes],
+        "G": [{"G": model.node_names[i]} for i in model.fixed_nodes],
+        "B": [{"B": name} for name in model.bar_names],
+        "S": [{"S": name} for name in model.string_names],
+        "H": [{"H": model.string_names[i], "beams": len(model.nsh[i].Q)} for i in model.nsh_strings],
+        "Z": [
+            {"Z": model.string_names[i], "beam": beam + 1}
+            for i in model.nsh_strings
+            for beam in range(len(model.nsh[i].Q))
+        ],
+    }
+    for parts in product(*(letters[letter] for letter in field.shape)):
+        yield {key: value for part in parts for key, value in part.items()}
+
+
+def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | None, float | int | None]:
+    if field.name == "snapped":
+        return 0, component["beams"]
+    if field.name == "method":
+        return 0, len(METHODS) - 1
+    return LIMITS.get(field.name, (None, None))
+
+
+def _nominal(field: Field, start: float | None, model: Model) -> float:
+    """A typical magnitude: a parameter's own start, else the scale that the structure gives to the unit."""
+    if field.role != "input" and start:
+        return abs(start)
+    length = float(np.max(model.bar_length, initial=1e-3))
+    gravity = abs(model.gravity) or 9.81
+    weight = float(np.sum(model.bar_mass)) * gravity or 1.0
+    scale = {
+        "m": length,
+        "m/s": (gravity * length) ** 0.5,
+        "N": weight,
+        "J": weight * length,
+        "s": (length / gravity) ** 0.5,
+        "N/m": weight / length,
+        "N.s/m": weight / (gravity * length) ** 0.5,
+        "m/s2": gravity,
+    }
+    return float(f"{scale.get(field.unit, 1.0):.3g}")
+
+
+def _description(field: Field, component: dict) -> str:
+    where = [f"{kind} {component[letter]}" for letter, kind in _KINDS.items() if letter in component]
+    if "beam" in component:
+        where.append(f"beam {component['beam']}")
+    if "D" in component:
+        where.append(f"along {component['D']}")
+    return f"{', '.join(where)}: {field.meaning}" if where else field.meaning
+
+
+_KINDS = {"N": "node", "F": "node", "G": "node", "B": "bar", "S": "string", "H": "string", "Z": "string"}
+
+
+def _require_unique(rows: list[Variable]) -> None:
+    seen: dict[str, int] = {}
+    for row in rows:
+        if row.name in seen:
+            raise ValueError(f"two variables are called {row.name!r}: rename a component of the scene")
+        seen[row.name] = row.reference

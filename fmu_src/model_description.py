@@ -1,0 +1,184 @@
+"""Renders modelDescription.xml (FMI 2.0, co-simulation) from the variable table; both runtimes use it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from xml.etree import ElementTree as XML
+
+from tensegrity_core.fields import METHODS
+from tensegrity_core.model import Model
+
+from .interface import Variable
+
+#: Units by name: exponents of the base units.
+UNITS = {
+    "1": {},
+    "m": {"m": 1},
+    "s": {"s": 1},
+    "kg": {"kg": 1},
+    "m/s": {"m": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "N/m": {"kg": 1, "s": -2},
+    "N.s/m": {"kg": 1, "s": -1},
+    "J": {"kg": 1, "m": 2, "s": -2},
+}
+
+#: Log categories and what they carry.
+LOG_CATEGORIES = {
+    "logStatusWarning": "things that the host should know and that change nothing",
+    "logStatusDiscard": "values and calls that were refused, and steps that could not be completed",
+    "logStatusError": "faults inside the FMU",
+    "logEvents": "transitions: a string became slack or taut, or reached another piece of its force curve",
+}
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """What differs between the runtimes.  capabilities: attributes of the CoSimulation element."""
+
+    tool: str
+    capabilities: dict[str, bool] = field(default_factory=dict)
+    source_files: tuple[str, ...] = ()
+
+
+#: What every FMU of this project can do.
+CAPABILITIES = {
+    "needsExecutionTool": False,
+    "canHandleVariableCommunicationStepSize": True,
+    "canInterpolateInputs": False,
+    "canBeInstantiatedOnlyOncePerProcess": False,
+    "canNotUseMemoryManagementFunctions": True,
+    "canGetAndSetFMUstate": True,
+    "canSerializeFMUstate": True,
+}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The default experiment; s, and the relative tolerance."""
+
+    start: float = 0.0
+    stop: float = 5.0
+    step: float = 0.01
+    tolerance: float | None = None
+
+
+def model_description(
+    model: Model,
+    table: tuple[Variable, ...],
+    runtime: Runtime,
+    identifier: str,
+    guid: str,
+    version: str,
+    naming: str,
+    experiment: Experiment,
+) -> bytes:
+    """The XML document.  identifier: file name of the binary; guid: see `content_guid`; version: of this project."""
+    root = XML.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=model.name,
+        guid=guid,
+        description=model.description,
+        version=version,
+        generationTool=runtime.tool,
+        variableNamingConvention=naming,
+    )
+    capabilities = {**CAPABILITIES, **runtime.capabilities}
+    slave = XML.SubElement(root, "CoSimulation", modelIdentifier=identifier)
+    for name, value in capabilities.items():
+        slave.set(name, _text(value))
+    if runtime.source_files:
+        files = XML.SubElement(slave, "SourceFiles")
+        for name in runtime.source_files:
+            XML.SubElement(files, "File", name=name)
+    _add_units(root, {row.unit for row in table if row.unit})
+    _add_method_type(root)
+    categories = XML.SubElement(root, "LogCategories")
+    for name, meaning in LOG_CATEGORIES.items():
+        XML.SubElement(categories, "Category", name=name, description=meaning)
+    _add_experiment(root, experiment)
+    scalars = XML.SubElement(root, "ModelVariables")
+    for row in table:
+        _add_variable(scalars, row)
+    _add_structure(root, table)
+    XML.indent(root)
+    return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
+
+
+def content_guid(description_without_guid: bytes, files: dict[str, bytes]) -> str:
+    """A GUID that is a hash of everything that can change what the FMU does: the same content has the same GUID."""
+    digest = hashlib.sha256(description_without_guid)
+    for name in sorted(files):
+        digest.update(f"\0{name}\0{len(files[name])}\0".encode())
+        digest.update(files[name])
+    h = digest.hexdigest()
+    return f"{{{h[:8]}-{h[8:12]}-{h[12:16]}-{h[16:20]}-{h[20:32]}}}"
+
+
+def _text(value: bool | int | float | str) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _add_units(root: XML.Element, used: set[str]) -> None:
+    units = XML.SubElement(root, "UnitDefinitions")
+    for name in sorted(used):
+        unit = XML.SubElement(units, "Unit", name=name)
+        XML.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[name].items()})
+
+
+def _add_method_type(root: XML.Element) -> None:
+    types = XML.SubElement(root, "TypeDefinitions")
+    simple = XML.SubElement(types, "SimpleType", name="solver.Method", description="integration method")
+    enumeration = XML.SubElement(simple, "Enumeration")
+    meaning = {
+        "auto": "explicit, and implicit where the motion is stiff",
+        "dop853": "explicit Runge-Kutta method of order 8 by Dormand and Prince",
+        "rodas5p": "L-stable Rosenbrock method of order 5",
+    }
+    for value, name in enumerate(METHODS):
+        XML.SubElement(enumeration, "Item", name=name, value=str(value), description=meaning[name])
+
+
+def _add_experiment(root: XML.Element, experiment: Experiment) -> None:
+    attributes = {"startTime": experiment.start, "stopTime": experiment.stop, "stepSize": experiment.step}
+    if experiment.tolerance is not None:
+        attributes["tolerance"] = experiment.tolerance
+    XML.SubElement(root, "DefaultExperiment", {name: repr(value) for name, value in attributes.items()})
+
+
+def _add_variable(scalars: XML.Element, row: Variable) -> None:
+    attributes = {
+        "name": row.name,
+        "valueReference": str(row.reference),
+        "description": row.description,
+        "causality": row.causality,
+        "variability": row.variability,
+    }
+    if row.initial:
+        attributes["initial"] = row.initial
+    scalar = XML.SubElement(scalars, "ScalarVariable", attributes)
+    kind = XML.SubElement(scalar, row.kind)
+    if row.kind == "Enumeration":
+        kind.set("declaredType", "solver.Method")
+    for name in ("unit", "min", "max", "nominal", "start"):
+        value = getattr(row, name)
+        if value is not None:
+            kind.set(name, _text(value))
+
+
+def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
+    """Indices in ModelStructure count the variables from 1; a variable's reference is its index from 0."""
+    structure = XML.SubElement(root, "ModelStructure")
+    outputs = [row for row in table if row.causality == "output"]
+    listed = XML.SubElement(structure, "Outputs")
+    for row in outputs:
+        XML.SubElement(listed, "Unknown", index=str(row.reference + 1), dependencies="")
+    unknowns = XML.SubElement(structure, "InitialUnknowns")
+    for row in outputs:
+        known = " ".join(str(reference + 1) for reference in row.known)
+        XML.SubElement(unknowns, "Unknown", index=str(row.reference + 1), dependencies=known)

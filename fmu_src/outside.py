@@ -1,0 +1,188 @@
+"""Runs an FMU as a stranger would: `python -I outside.py job.json result.npz`, with numpy and fmpy and nothing else.
+
+The job: {"fmu": path, "runs": [{"name", "arrays": .npz path, "inputs": [names], "parameters": {name: value}}]}; an array
+file holds times (K+1,) in s and values (K, number of inputs).  The result holds for each run `name/outputs` (K+1, number
+of outputs; row 0 in Initialization Mode), `name/events` (number, 4: time, string, before, after) and `name/seconds`, and
+`output_names`, `strings`.  The project's own packages are barred: what runs is what the FMU carries.
+"""
+
+import importlib.abc
+import json
+import re
+import shutil
+import sys
+import time
+
+import numpy as np
+
+BARRED = ("tensegrity_core", "fmu_src", "pythonfmu", "scipy")
+EVENT = re.compile(r"string (\S+): piece (-?\d+) -> (-?\d+) at t = (\S+) s")
+
+
+class Barrier(importlib.abc.MetaPathFinder):
+    """Refuses to import packages that an importing tool does not have."""
+
+    def find_spec(self, fullname, path=None, target=None):
+        if fullname.split(".")[0] in BARRED:
+            raise ModuleNotFoundError(f"{fullname} must not be needed by the FMU")
+        return None
+
+
+class Instance:
+    """An FMU of co-simulation in one process, through fmpy's low-level calls with arrays made once.
+
+    messages: (status, category, text) that the FMU logged.
+    """
+
+    def __init__(self, description, folder, name="outside", logging=False, categories=()):
+        from fmpy import fmi2
+
+        self.fmi2, self.description, self.messages = fmi2, description, []
+        self.by_name = {variable.name: variable for variable in description.modelVariables}
+        self.fmu = fmi2.FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName=name,
+        )
+        callbacks = fmi2.fmi2CallbackFunctions()
+        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
+        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+        self._callbacks = callbacks
+        self.fmu.instantiate(callbacks=callbacks, loggingOn=logging)
+        if categories:
+            self.fmu.setDebugLogging(True, list(categories))
+
+    def _log(self, environment, name, status, category, message):
+        self.messages.append((status, (category or b"").decode(), message.decode()))
+
+    def references(self, names):
+        """Array of value references, for `set_real` and `get_real`."""
+        return (self.fmi2.fmi2ValueReference * len(names))(*(self.by_name[name].valueReference for name in names))
+
+    def start(self, parameters=None, start_time=0.0, **setup):
+        """Set start values by name and go through Initialization Mode up to the first step."""
+        self.fmu.setupExperiment(startTime=start_time, **setup)
+        self.set(parameters or {})
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def set(self, values):
+        for name, value in values.items():
+            variable = self.by_name[name]
+            setter = self.fmu.setReal if variable.type == "Real" else self.fmu.setInteger
+            setter([variable.valueReference], [value])
+
+    def get(self, *names):
+        found = []
+        for name in names:
+            variable = self.by_name[name]
+            getter = self.fmu.getReal if variable.type == "Real" else self.fmu.getInteger
+            found += getter([variable.valueReference])
+        return found[0] if len(names) == 1 else found
+
+    def close(self):
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+
+class Ports:
+    """Arrays for all inputs and all outputs of an instance; `exchange` is one communication step."""
+
+    def __init__(self, instance, inputs):
+        fmi2, self.fmu = instance.fmi2, instance.fmu
+        outputs = [v for v in instance.description.modelVariables if v.causality == "output"]
+        reals = [v.name for v in outputs if v.type == "Real"]
+        integers = [v.name for v in outputs if v.type != "Real"]
+        self.names = reals + integers
+        self._in = instance.references(inputs), len(inputs), (fmi2.fmi2Real * len(inputs))()
+        self._real = instance.references(reals), len(reals), (fmi2.fmi2Real * len(reals))()
+        self._integer = instance.references(integers), len(integers), (fmi2.fmi2Integer * len(integers))()
+        self.inputs = np.frombuffer(self._in[2]) if inputs else np.zeros(0)
+        self._reals = np.frombuffer(self._real[2])
+        self._integers = np.frombuffer(self._integer[2], dtype=np.int32) if integers else np.zeros(0, np.int32)
+
+    def set(self):
+        """Send `inputs`."""
+        if self._in[1]:
+            self.fmu.fmi2SetReal(self.fmu.component, *self._in)
+
+    def get(self):
+        """Ask for all outputs; `row` shows them."""
+        self.fmu.fmi2GetReal(self.fmu.component, *self._real)
+        if self._integer[1]:
+            self.fmu.fmi2GetInteger(self.fmu.component, *self._integer)
+
+    def row(self):
+        return np.concatenate((self._reals, self._integers))
+
+    def step(self, time, h):
+        self.fmu.fmi2DoStep(self.fmu.component, time, h, True)
+
+
+def run(instance, times, values, inputs, parameters):
+    """Simulate held inputs.  Returns outputs (K+1, n), their names, and the seconds of the stepping loop."""
+    fmu = instance.fmu
+    fmu.setupExperiment(startTime=times[0])
+    instance.set(parameters)
+    ports = Ports(instance, inputs)
+    ports.inputs[:] = values[0]
+    ports.set()
+    fmu.enterInitializationMode()
+    ports.get()
+    out = np.empty((len(times), len(ports.names)))
+    out[0] = ports.row()
+    fmu.exitInitializationMode()
+    begin = time.perf_counter()
+    for k, now in enumerate(times[:-1]):
+        ports.inputs[:] = values[k]
+        ports.set()
+        ports.step(now, times[k + 1] - now)
+        ports.get()
+        out[k + 1] = ports.row()
+    return out, ports.names, time.perf_counter() - begin
+
+
+def events(messages, strings):
+    """Transitions from the messages of category logEvents; `strings` collects names in order of appearance."""
+    rows = []
+    for _, category, text in messages:
+        found = EVENT.search(text) if category == "logEvents" else None
+        if found:
+            name, before, after, at = found.groups()
+            if name not in strings:
+                strings.append(name)
+            rows.append((float(at), strings.index(name), int(before), int(after)))
+    return np.array(rows).reshape(-1, 4)
+
+
+def main(job_path, result_path):
+    sys.meta_path.insert(0, Barrier())
+    from fmpy import extract, read_model_description
+
+    with open(job_path, encoding="utf-8") as file:
+        job = json.load(file)
+    description = read_model_description(job["fmu"])
+    folder = extract(job["fmu"])
+    result, strings = {}, []
+    try:
+        for item in job["runs"]:
+            arrays = np.load(item["arrays"])
+            instance = Instance(description, folder, item["name"], True, ("logEvents", "logStatusDiscard", "logStatusError"))
+            out, names, seconds = run(instance, arrays["times"], arrays["values"], item["inputs"], item["parameters"])
+            instance.close()
+            result[f"{item['name']}/outputs"] = out
+            result[f"{item['name']}/events"] = events(instance.messages, strings)
+            result[f"{item['name']}/seconds"] = seconds
+            result["output_names"] = names
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    loaded = [name for name in sys.modules if name.split(".")[0] in BARRED]
+    if loaded:
+        raise SystemExit(f"the FMU loaded {loaded} from outside")
+    np.savez(result_path, strings=np.array(strings, dtype=str), **result)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,103 @@
+"""Reference runs kept on disk, found by a hash of everything that determines them.
+
+The key covers the source files that the reference imports, the model, the inputs, the method and tolerances, and the
+versions of Python, NumPy and SciPy.  Key and checksum stand inside the file and are checked when it is read: a file of
+another name or with other bytes is not used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+import tensegrity_core
+from tensegrity_core.inputs import Inputs
+from tensegrity_core.model import Model
+from tensegrity_core.result import Result, Transition
+
+from .closure import import_closure
+
+_MAGIC = b"TSREF001"
+
+
+def reference_key(model: Model, inputs: Inputs, settings: dict, core: Path | None = None) -> str:
+    """Hash of all that determines a reference run.  settings: keyword arguments of reference.simulate; core: folder of
+    the sources, by default those in use.
+    """
+    digest = hashlib.sha256(_MAGIC)
+
+    def add(name: str, content: bytes) -> None:
+        digest.update(f"{name}\0{len(content)}\0".encode())
+        digest.update(content)
+
+    sources, _ = import_closure(core or Path(tensegrity_core.__file__).parent, "reference")
+    for path in sources:
+        add(path.name, path.read_bytes())
+    for where in (model, inputs):
+        for item in fields(where):
+            value = getattr(where, item.name)
+            if isinstance(value, np.ndarray):
+                add(item.name, f"{value.dtype.str} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes())
+            else:
+                add(item.name, repr(value).encode())
+    add("settings", repr(sorted(settings.items())).encode())
+    add("versions", f"{sys.version} {np.__version__} {scipy.__version__}".encode())
+    return digest.hexdigest()
+
+
+def cached(folder: Path | None, key: str, compute: Callable[[], Result]) -> tuple[Result, bool]:
+    """The result under this key and whether it came from the folder; None: no cache, always compute."""
+    path = folder / f"{key}.bin" if folder else None
+    if path and path.is_file():
+        found = _unpack(path.read_bytes(), key)
+        if found is not None:
+            return found, True
+    result = compute()
+    if path:
+        _write(path, _pack(result, key))
+    return result, False
+
+
+def _pack(result: Result, key: str) -> bytes:
+    arrays, stats = {}, {}
+    for item in fields(result):
+        value = getattr(result, item.name)
+        if item.name == "transitions":
+            arrays["transitions"] = np.array([(t.time, t.string, t.before, t.after) for t in value]).reshape(-1, 4)
+        elif item.name == "stats":
+            stats = value
+        else:
+            arrays[item.name] = value
+    buffer = io.BytesIO()
+    np.savez(buffer, stat_names=np.array(list(stats), dtype=str), stat_values=np.array(list(stats.values())), **arrays)
+    body = key.encode() + buffer.getvalue()
+    return _MAGIC + hashlib.sha256(body).digest() + body
+
+
+def _unpack(data: bytes, key: str) -> Result | None:
+    start = len(_MAGIC) + 32
+    checksum, body = data[len(_MAGIC) : start], data[start:]
+    if data[: len(_MAGIC)] != _MAGIC or hashlib.sha256(body).digest() != checksum or body[:64] != key.encode():
+        return None
+    with np.load(io.BytesIO(body[64:]), allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    names, values = arrays.pop("stat_names"), arrays.pop("stat_values")
+    transitions = [Transition(t, int(s), int(a), int(b)) for t, s, a, b in arrays.pop("transitions").tolist()]
+    return Result(**arrays, transitions=transitions, stats=dict(zip(names.tolist(), values.tolist())))
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(prefix=".tmp-", dir=path.parent)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+    os.replace(temporary, path)

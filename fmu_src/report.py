@@ -1,0 +1,124 @@
+"""The validation report: one self-contained HTML file beside each FMU."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import platform
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import tensegrity_core
+
+from . import compare
+from .documentation import environment
+from .validate import Run, Validation, reference_settings
+
+
+def write_report(validation: Validation, path: Path) -> None:
+    """Plots of positions and string forces (FMU over reference, and their difference), the errors, and the versions."""
+    times = validation.runs[0].scenario.inputs.times
+    page = environment().get_template("report.html").render(
+        title=f"Validation of {validation.model.name}, {validation.runtime} FMU",
+        model=validation.model,
+        runs=validation.runs,
+        failures=validation.failures,
+        step=f"{times[1] - times[0]:g}",
+        duration=f"{times[-1] - times[0]:g}",
+        bounds={
+            "position": compare.POSITION_BOUND,
+            "force": compare.FORCE_BOUND,
+            "relative": compare.FORCE_RELATIVE,
+            "window": compare.WINDOW,
+            "ledger": compare.LEDGER_BOUND,
+            "perturbation": compare.PERTURBATION,
+        },
+        seconds=validation.seconds,
+        factor=validation.factor,
+        pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
+        settings=[_shown(reference_settings(run.scenario)) for run in validation.runs],
+        versions=versions(),
+    )
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(page, encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def _shown(settings: dict) -> str:
+    return f"{settings.get('method', 'auto')}, rtol {settings['rtol']:g}, atol {settings['atol']:g} m"
+
+
+def picture(run: Run) -> bytes:
+    """A PNG: heights of the free nodes and tensions of the strings above, FMU minus reference below."""
+    figure = Figure(figsize=(12, 5.2), dpi=75, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 2, sharex=True, height_ratios=(2, 1))
+    model, times = run.scenario.model, run.reference.times
+    free = model.free_nodes
+    moved = run.fmu["position"] - model.nodes
+    heights = moved[:, free, 2], (run.reference.position - model.nodes)[:, free, 2]
+    names = [model.node_names[i] for i in free]
+    gap = np.abs(run.fmu["position"] - run.reference.position)[:, free].max(axis=2)
+    _draw(axes[:, 0], times, *heights, gap, names, "vertical displacement, m", "position error, m")
+    tensions = run.fmu["string_force"], run.reference.string_force
+    _draw(axes[:, 1], times, *tensions, np.abs(tensions[0] - tensions[1]), model.string_names, "tension, N", "error, N")
+    out = io.BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def _draw(axes, times, ours, reference, gap, names, label, error_label):
+    above, below = axes
+    for i, name in enumerate(names):
+        (line,) = above.plot(times, ours[:, i], linewidth=1.2, label=name)
+        above.plot(times, reference[:, i], color="black", linewidth=0.7, linestyle=(0, (1, 4)))
+        below.plot(times, gap[:, i], linewidth=0.8, color=line.get_color())
+    above.set_ylabel(label)
+    above.legend(fontsize="x-small", ncols=1 + len(names) // 8, loc="upper right", title="FMU; dotted: reference")
+    below.set_yscale("symlog", linthresh=1e-12)
+    below.set_ylabel(error_label)
+    below.set_xlabel("time, s")
+
+
+def versions() -> dict[str, str]:
+    """What made the FMU and ran it."""
+    found = {"tensegrity": tensegrity_core.__version__, "commit": commit() or "not known"}
+    found["Python"] = sys.version.split()[0]
+    for name in ("numpy", "scipy", "fmpy", "pythonfmu", "matplotlib"):
+        found[name] = metadata.version(name)
+    found["machine"] = f"{platform.platform()}, {processor()}, {os.cpu_count()} processors"
+    return found
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells."""
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def commit() -> str | None:
+    """The commit of the sources, with a mark where they differ from it; None outside of a repository."""
+    folder = Path(__file__).parent
+
+    def git(*arguments: str) -> str | None:
+        try:
+            done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True, timeout=10)
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    found = git("rev-parse", "HEAD")
+    if found is None:
+        return None
+    return found + (" with changes" if git("status", "--porcelain", "--untracked-files=no") else "")

@@ -1,0 +1,199 @@
+"""Validates an FMU: fmpy runs it from outside, the reference gets the same held inputs, the two are compared.
+
+The FMU runs in a fresh isolated interpreter, in a temporary folder, where this project's packages are barred (see
+outside.py).  Reference runs are spread over processes and may come from a cache (see reference_cache.py).
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tensegrity_core import kernel, reference
+from tensegrity_core.errors import TensegrityError
+from tensegrity_core.model import Model
+from tensegrity_core.result import Result, Transition
+
+from .compare import PERTURBATION, Comparison, compare, series
+from .interface import Variable, variables
+from .reference_cache import cached, reference_key
+from .scenarios import Scenario, scenarios
+
+HERE = Path(__file__).parent
+CACHE = HERE.parent / "build" / "reference-cache"
+
+#: Settings of the reference: keyword arguments of reference.simulate.
+NORMAL = {"rtol": 1e-9, "atol": 1e-10}
+STIFF = {"rtol": 1e-10, "atol": 1e-11}
+#: Rate of damping 4 d/m, 1/s, above which a scenario is stiff.
+STIFF_RATE = 8000.0
+
+
+class ValidationError(TensegrityError):
+    """A validation that could not be carried out."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One scenario of an FMU.  fmu: its outputs by field, see compare.series; seconds: per communication step."""
+
+    scenario: Scenario
+    reference: Result
+    fmu: dict[str, np.ndarray]
+    comparison: Comparison
+    seconds: float
+    from_cache: bool
+
+
+@dataclass(frozen=True)
+class Validation:
+    """All runs of one FMU.  runtime: 'python' or 'native'."""
+
+    model: Model
+    runtime: str
+    runs: tuple[Run, ...]
+
+    @property
+    def position(self) -> float:
+        """Largest position error, m."""
+        return max(run.comparison.position for run in self.runs)
+
+    @property
+    def force(self) -> float:
+        """Largest force error, N."""
+        return max(run.comparison.force for run in self.runs)
+
+    @property
+    def seconds(self) -> float:
+        """Mean wall time of a communication step with all inputs set and all outputs read, s."""
+        return float(np.mean([run.seconds for run in self.runs]))
+
+    @property
+    def factor(self) -> float:
+        """Simulated time over wall time."""
+        times = self.runs[0].scenario.inputs.times
+        return float(times[1] - times[0]) / self.seconds
+
+    @property
+    def failures(self) -> list[str]:
+        return [f"{run.scenario.name}: {failure}" for run in self.runs for failure in run.comparison.failures]
+
+
+def workers() -> Executor:
+    """Processes for reference runs, one per processor."""
+    return ProcessPoolExecutor(os.cpu_count(), mp_context=multiprocessing.get_context("spawn"))
+
+
+def run_outside(
+    fmu: Path, model: Model, naming: str = "structured", runs: list[Scenario] | None = None, python: str = sys.executable
+) -> list[tuple[dict[str, np.ndarray], list[Transition], float]]:
+    """Run an FMU in a fresh isolated interpreter.  Returns per scenario its outputs, transitions, and seconds per step.
+
+    python: the interpreter; it needs numpy and fmpy only.  Raises ValidationError with the interpreter's last words.
+    """
+    table = variables(model, naming)
+    runs = scenarios(model) if runs is None else runs
+    names = [row.name for row in table if row.causality == "input"]
+    with tempfile.TemporaryDirectory(prefix="fmu-outside-") as folder:
+        here = Path(folder)
+        script = here / "outside.py"
+        script.write_bytes((HERE / "outside.py").read_bytes())
+        job = {"fmu": str(fmu.absolute()), "runs": []}
+        for i, run in enumerate(runs):
+            np.savez(here / f"{i}.npz", times=run.inputs.times, values=input_values(run))
+            parameters = {row.name: value for row, value in _changed(table, model, run.model)}
+            item = {"name": run.name, "arrays": str(here / f"{i}.npz"), "inputs": names, "parameters": parameters}
+            job["runs"].append(item)
+        (here / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        command = [python, "-I", str(script), str(here / "job.json"), str(here / "result.npz")]
+        done = subprocess.run(command, cwd=here, capture_output=True, text=True)
+        if done.returncode:
+            raise ValidationError(f"{fmu}: the run from outside failed:\n{(done.stdout + done.stderr)[-3000:]}")
+        with np.load(here / "result.npz", allow_pickle=False) as stored:
+            return [_outcome(stored, run, table) for run in runs]
+
+
+def _outcome(stored, run: Scenario, table: tuple[Variable, ...]):
+    strings = [run.model.string_names.index(name) for name in stored["strings"].tolist()]
+    events = [Transition(t, strings[int(s)], int(a), int(b)) for t, s, a, b in stored[f"{run.name}/events"].tolist()]
+    outputs = series(run.model, table, stored["output_names"].tolist(), stored[f"{run.name}/outputs"])
+    return outputs, events, float(stored[f"{run.name}/seconds"]) / (len(run.inputs.times) - 1)
+
+
+def input_values(run: Scenario) -> np.ndarray:
+    """(K, inputs) in the order of the variable table: forces on free nodes, rest lengths, their rates."""
+    model, inputs = run.model, run.inputs
+    force = inputs.force[:, model.free_nodes[:, None], list(model.axes)].reshape(len(inputs.force), -1)
+    return np.hstack((force, inputs.rest_length, inputs.rest_length_rate))
+
+
+def _changed(table: tuple[Variable, ...], model: Model, other: Model):
+    """Tunable parameters in which a scenario's model differs from the FMU's."""
+    for field in ("stiffness", "damping"):
+        rows = [row for row in table if row.field == field]
+        for row, old, new in zip(rows, getattr(model, field), getattr(other, field), strict=True):
+            if old != new:
+                yield row, float(new)
+
+
+def reference_settings(run: Scenario) -> dict:
+    """What keeps the reference's own error well below the bounds at the least cost.
+
+    A strong damper turns errors of the rates into errors of the forces, so it needs a tighter tolerance; not so where
+    moving rest lengths excite the dampers at every communication point and keep the steps short.
+    """
+    model = run.model
+    rate = 4.0 * float(np.max(model.damping, initial=0.0)) / float(np.min(model.bar_mass, initial=np.inf))
+    return STIFF if rate > STIFF_RATE and not np.any(run.inputs.rest_length_rate) else NORMAL
+
+
+def reference_run(run: Scenario, cache: Path | None) -> tuple[Result, bool, np.ndarray]:
+    """In a worker: the reference under a scenario, whether it was cached, and positions (K+1, N, 3) of the kernel from a
+    start that is PERTURBATION off, for the scenario's sensitivity.
+    """
+    settings = reference_settings(run)
+    key = reference_key(run.model, run.inputs, settings)
+    result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings))
+    return result, found, kernel.simulate(perturbed(run.model), run.inputs).position
+
+
+def perturbed(model: Model) -> Model:
+    """The model with its free nodes PERTURBATION off, across their bars."""
+    axes = list(model.axes)
+    shift = np.zeros_like(model.nodes)
+    shift[:, axes] = np.random.default_rng(0).normal(size=(len(model.nodes), len(axes)))
+    shift[model.fixed] = 0.0
+    for (start, end), length in zip(model.bars, model.bar_length):
+        along = (model.nodes[end] - model.nodes[start]) / length
+        for node in (start, end):
+            shift[node] -= along * (along @ shift[node])
+    return replace(model, nodes=model.nodes + shift * (PERTURBATION / np.max(np.abs(shift))))
+
+
+def submit(executor: Executor, runs: list[Scenario], cache: Path | None) -> list[Future]:
+    """Start the reference runs of some scenarios, the long ones first."""
+    order = sorted(range(len(runs)), key=lambda i: -float(np.max(runs[i].model.damping, initial=0.0)))
+    started = {i: executor.submit(reference_run, runs[i], cache) for i in order}
+    return [started[i] for i in range(len(runs))]
+
+
+def finish(model: Model, runtime: str, runs: list[Scenario], outside: list, references: list[Future]) -> Validation:
+    """Wait for the reference runs and compare.  Raises ValidationError where the reference cannot go on."""
+    done = []
+    for run, (fmu, events, seconds), future in zip(runs, outside, references, strict=True):
+        try:
+            result, found, other = future.result()
+        except TensegrityError as error:
+            raise ValidationError(f"{model.name}, {run.title}: {error}") from error
+        growth = np.max(np.abs(other - fmu["position"]), axis=(1, 2))
+        done.append(Run(run, result, fmu, compare(result, fmu, events, growth), seconds, found))
+    return Validation(model, runtime, tuple(done))

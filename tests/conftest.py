@@ -1,0 +1,106 @@
+"""Fixtures that are made once per session: FMUs of all scenes, and an environment without this project.
+
+With pytest-xdist the workers share what the first of them made.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support import scene
+
+from fmu_src.pack import pack_python_fmu
+from tensegrity_core.scene import builtin_scenes
+
+
+def once(tmp_path_factory, name: str, make) -> Path:
+    """The folder `name` of this session, filled by make(folder) in one process while others wait."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / name
+    ready, lock = folder.with_suffix(".ready"), folder.with_suffix(".lock")
+    try:
+        lock.touch(exist_ok=False)
+    except FileExistsError:
+        deadline = time.monotonic() + 300.0
+        while not ready.exists():
+            assert time.monotonic() < deadline, f"{folder} was not made by another worker, see its errors"
+            time.sleep(0.1)
+        return folder
+    make(folder)
+    ready.touch()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> its Python FMU."""
+
+    def make(folder):
+        for name in builtin_scenes():
+            pack_python_fmu(scene(name), folder / f"{name}.fmu")
+
+    folder = once(tmp_path_factory, "fmus", make)
+    return {name: folder / f"{name}.fmu" for name in builtin_scenes()}
+
+
+@pytest.fixture(scope="session")
+def outside_python(tmp_path_factory) -> Path:
+    """The interpreter of a fresh environment that has numpy and fmpy and nothing of this project."""
+
+    def make(folder):
+        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+        command = [str(interpreter(folder)), "-m", "pip", "install", "--quiet", "numpy", "fmpy"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, f"numpy and fmpy could not be installed:\n{done.stderr[-2000:]}"
+
+    return interpreter(once(tmp_path_factory, "outside", make))
+
+
+def interpreter(folder: Path) -> Path:
+    return folder / "Scripts" / "python.exe" if os.name == "nt" else folder / "bin" / "python"
+
+
+@pytest.fixture
+def extracted(tmp_path):
+    """extracted(fmu): fmpy's description of an FMU and a fresh folder with its files."""
+    from fmpy import extract, read_model_description
+
+    folders = []
+
+    def unpack(fmu):
+        folder = tmp_path / f"fmu{len(folders)}"
+        folders.append(folder)
+        extract(str(fmu), unzipdir=str(folder))
+        return read_model_description(str(fmu)), str(folder)
+
+    yield unpack
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def instance(fmus, extracted):
+    """instance(scene, **start): a started instance of the scene's FMU, with all messages on; freed after the test."""
+    from fmu_src.outside import Instance
+
+    made, unpacked = [], {}
+
+    def make(name, started=True, **start):
+        fmu = fmus.get(name, name)
+        if fmu not in unpacked:
+            unpacked[fmu] = extracted(fmu)
+        new = Instance(*unpacked[fmu], logging=True)
+        made.append(new)
+        if started:
+            new.start(**start)
+        return new
+
+    yield make
+    for one in made:
+        one.fmu.freeInstance()

@@ -1,0 +1,310 @@
+"""Validation: from outside, against the reference; the cache, the comparison, the command and its exit codes."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import scene
+
+import build_fmu
+import tensegrity_core
+from fmu_src import compare, validate
+from fmu_src.compare import match, series
+from fmu_src.interface import variables
+from fmu_src.reference_cache import cached, reference_key
+from fmu_src.report import write_report
+from fmu_src.scenarios import Scenario, scenarios
+from tensegrity_core import kernel, reference
+from tensegrity_core.errors import SimulationError
+from tensegrity_core.inputs import grid, held
+from tensegrity_core.result import Transition
+
+SETTINGS = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-10}
+
+
+def short(model, duration=0.1):
+    """A lift with moving rest lengths at a tenth of the damping: a scenario of 0.1 s."""
+    damped = replace(model, damping=0.1 * model.damping)
+    force = np.zeros((len(model.nodes), 3))
+    force[model.free_nodes[0]] = 0.0, 0.0, 60.0
+    moving = held(damped, grid(duration, 0.01), lambda t: force, lambda t: model.rest_length * (1.0 - 0.05 * t))
+    return Scenario("short", "a short lift", damped, moving)
+
+
+# From outside
+
+
+@pytest.mark.parametrize("name", ["two_bar", "three_bar_nsh", "six_bar_nsh"])
+def test_strangers_get_the_kernels_results(name, fmus, outside_python):
+    """In an environment with numpy and fmpy only, the FMU gives what the kernel gives here, to the last bit."""
+    model = scene(name)
+    run = short(model, 0.3)
+    ((fmu, events, seconds),) = validate.run_outside(fmus[name], model, runs=[run], python=str(outside_python))
+    here = kernel.simulate(run.model, run.inputs)
+    for field in ("position", "velocity", "string_force", "reaction", "dissipated", "input_work", "snapped"):
+        np.testing.assert_array_equal(fmu[field], getattr(here, field), err_msg=field)
+    assert events == here.transitions and len(events) > 0 and seconds > 0.0
+
+
+def test_flat_names_run_too(tmp_path):
+    from fmu_src.pack import pack_python_fmu
+
+    model = scene("two_bar_nsh")
+    fmu = pack_python_fmu(model, tmp_path / "flat.fmu", naming="flat")
+    run = short(model)
+    ((found, _, _),) = validate.run_outside(fmu, model, "flat", [run])
+    np.testing.assert_array_equal(found["position"], kernel.simulate(run.model, run.inputs).position)
+
+
+def test_a_broken_fmu_is_told(tmp_path):
+    with pytest.raises(validate.ValidationError, match="from outside failed"):
+        (tmp_path / "no.fmu").write_bytes(b"nothing")
+        validate.run_outside(tmp_path / "no.fmu", scene("two_bar"), runs=[short(scene("two_bar"))])
+
+
+# Scenarios
+
+
+@pytest.mark.parametrize("name", ["two_bar_nsh", "three_bar", "six_bar"])
+def test_scenarios_are_the_articles(name):
+    model = scene(name)
+    assert [run.name for run in scenarios(model)] == [
+        "constant_1d", "square_wave_0_1d", "square_wave_1d", "square_wave_10d", "rest_lengths_1d", "push_1d"
+    ]  # fmt: skip
+    found = {run.name: run for run in scenarios(model, thorough=True)}
+    assert len(found) == 12 and {run.inputs.times[-1] for run in found.values()} == {5.0}
+    assert {float(run.model.damping[0]) for run in found.values()} == {50.0, 500.0, 5000.0}
+    n4 = model.node_names.index("n4")
+    wave = found["square_wave_1d"].inputs.force[:, n4, 2]
+    np.testing.assert_array_equal(wave[[0, 49, 50, 99, 100]], [400.0, 400.0, -400.0, -400.0, 400.0])
+    moving = found["rest_lengths_1d"].inputs
+    assert not moving.rest_length_rate[:200].any() and moving.rest_length_rate[200:].any()
+    swing = np.ptp(moving.rest_length, axis=0)
+    assert sorted(set(np.round(swing[swing > 0.0], 2))) == [min(0.3, round(0.4 * model.rest_length[swing > 0.0].min(), 2))]
+
+
+# The reference's cache
+
+
+@pytest.fixture
+def result():
+    run = short(scene("two_bar"), 0.02)
+    return run, reference.simulate(run.model, run.inputs, **SETTINGS)
+
+
+def test_cached_runs_come_back_whole(result, tmp_path):
+    run, computed = result
+    key = reference_key(run.model, run.inputs, SETTINGS)
+    first, was_cached = cached(tmp_path, key, lambda: computed)
+    again, is_cached = cached(tmp_path, key, lambda: pytest.fail("computed although cached"))
+    assert (was_cached, is_cached) == (False, True) and first is computed
+    np.testing.assert_array_equal(again.position, computed.position)
+    np.testing.assert_array_equal(again.throughput, computed.throughput)
+    assert again.transitions == computed.transitions and again.stats == computed.stats
+    assert cached(None, key, lambda: computed) == (computed, False)
+
+
+def test_damaged_or_misplaced_files_are_not_used(result, tmp_path):
+    run, computed = result
+    key = reference_key(run.model, run.inputs, SETTINGS)
+    cached(tmp_path, key, lambda: computed)
+    (path,) = tmp_path.iterdir()
+    data = path.read_bytes()
+    for bad in (data[:-1], data[:200] + bytes([data[200] ^ 1]) + data[201:], b""):
+        path.write_bytes(bad)
+        assert cached(tmp_path, key, lambda: computed) == (computed, False)
+    other = "0" * 64
+    shutil.copy(path, tmp_path / f"{other}.bin")
+    assert cached(tmp_path, other, lambda: computed) == (computed, False)
+
+
+def test_everything_that_determines_a_run_is_in_its_key(tmp_path, monkeypatch):
+    run = short(scene("two_bar"), 0.02)
+    keys = {reference_key(run.model, run.inputs, SETTINGS)}
+    for change in ({"bar_mass": 2 * run.model.bar_mass}, {"nodes": run.model.nodes + 1e-16}, {"damping_law": "tension_only"}):
+        keys.add(reference_key(replace(run.model, **change), run.inputs, SETTINGS))
+    keys.add(reference_key(run.model, replace(run.inputs, force=run.inputs.force + 1e-9), SETTINGS))
+    keys.add(reference_key(run.model, run.inputs, {**SETTINGS, "rtol": 1e-10}))
+    monkeypatch.setattr("scipy.__version__", "0.0")
+    keys.add(reference_key(run.model, run.inputs, SETTINGS))
+    assert len(keys) == 7
+
+
+@pytest.mark.parametrize("name", ["reference.py", "nsh.py", "model.py", "inputs.py"])
+def test_a_change_of_the_references_sources_changes_the_key(name, tmp_path):
+    run = short(scene("two_bar"), 0.02)
+    core = tmp_path / "tensegrity_core"
+    source = next(iter(tensegrity_core.__path__))
+    shutil.copytree(source, core, ignore=shutil.ignore_patterns("native", "__pycache__"))
+    before = reference_key(run.model, run.inputs, SETTINGS, core)
+    assert before == reference_key(run.model, run.inputs, SETTINGS)
+    (core / "kernel.py").write_text("# the reference does not use the kernel")
+    assert reference_key(run.model, run.inputs, SETTINGS, core) == before
+    (core / name).write_text((core / name).read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert reference_key(run.model, run.inputs, SETTINGS, core) != before
+
+
+# The comparison
+
+
+def test_partners_among_transitions():
+    ours = [Transition(0.1, 0, 1, 0), Transition(0.2, 0, 0, 1), Transition(0.2, 1, 1, 0), Transition(0.4, 0, 1, 0)]
+    assert match(ours, ours) == (0, 0.0)
+    later = [Transition(t.time + 1e-5, t.string, t.before, t.after) for t in ours]
+    assert match(ours, later) == (0, pytest.approx(1e-5))
+    assert match(ours, later[1:]) == (1, pytest.approx(1e-5))
+    assert match(ours, [*ours, Transition(0.15, 0, 1, 0)]) == (1, 0.0)
+    assert match(ours, []) == (4, 0.0)
+
+
+@pytest.fixture
+def compared():
+    """A kernel run as if it were an FMU's, beside itself as the reference; compare(change) after change(series)."""
+    run = short(scene("three_bar_nsh"), 0.2)
+    result = kernel.simulate(run.model, run.inputs)
+    columns = {}
+    for row in variables(run.model):
+        if row.causality == "output":
+            columns.setdefault(row.field, []).append(row.name)
+
+    def judge(change=lambda fmu: None, growth=0.0):
+        model, flat = run.model, []
+        axes = list(model.axes)
+        for field in columns:
+            values = getattr(result, field)
+            if field in ("position", "velocity", "reaction"):
+                nodes = {"velocity": model.free_nodes, "reaction": model.fixed_nodes}.get(field, slice(None))
+                values = values[:, nodes][:, :, axes]
+            flat.append(np.asarray(values, dtype=float).reshape(len(result.times), -1))
+        names = [name for field in columns.values() for name in field]
+        fmu = series(model, variables(model), names, np.hstack(flat))
+        change(fmu)
+        return compare.compare(result, fmu, result.transitions, np.full(len(result.times), growth))
+
+    return judge
+
+
+def test_equal_runs_have_no_errors(compared):
+    found = compared()
+    assert (found.position, found.force, found.velocity, found.energy, found.unmatched) == (0.0, 0.0, 0.0, 0.0, 0)
+    assert found.failures == [] and found.transitions[0] > 0 and found.until == 0.2
+
+
+def test_errors_past_their_bounds_fail(compared):
+    def shift(field, by, row=-1):
+        def change(fmu):
+            fmu[field][row].flat[0] += by
+
+        return compared(change).failures
+
+    assert shift("position", 0.9e-7) == [] and "position error" in shift("position", 1.1e-7)[0]
+    assert shift("reaction", 0.9e-3) == [] and "force error" in shift("reaction", -2e-3)[0]
+    assert "force error" in shift("bar_force", 2e-3, row=3)[0] and "force error" in shift("elastic_force", 2e-3)[0]
+    assert "position error" in shift("position", np.nan)[0]
+    assert any("ledger" in failure for failure in compared(lambda fmu: fmu["dissipated"].__iadd__(np.linspace(0, 1e-3, 21))).failures)
+
+
+def test_runs_are_compared_as_long_as_their_sensitivity_allows(compared):
+    assert compared(growth=1e-9).until == 0.2
+    assert compared(growth=1e-7).until == 0.0
+
+
+# The command
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Validation under one short scenario instead of the long ones, in this process."""
+    from concurrent.futures import Future
+
+    class Here:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            return None
+
+        def submit(self, function, *arguments):
+            future = Future()
+            try:
+                future.set_result(function(*arguments))
+            except Exception as error:
+                future.set_exception(error)
+            return future
+
+    monkeypatch.setattr(build_fmu, "scenarios", lambda model, thorough: [short(model)])
+    monkeypatch.setattr(build_fmu, "workers", Here)
+
+
+def test_build_and_validate(brief, tmp_path, capsys):
+    options = ["two_bar_nsh", "--output", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
+    assert build_fmu.main(options) == 0
+    shown = capsys.readouterr().out
+    line = next(line for line in shown.splitlines() if line.startswith("two_bar_nsh"))
+    assert "python" in line and " m " in line and " N " in line and " us " in line and line.endswith("x")
+    files = {path.name for path in (tmp_path / "out" / "python").iterdir()}
+    assert files == {"two_bar_nsh.fmu", "two_bar_nsh.html"}
+    page = (tmp_path / "out" / "python" / "two_bar_nsh.html").read_text(encoding="utf-8")
+    assert "a short lift" in page and "data:image/png;base64," in page and "Every bound holds." in page
+    assert "http" not in page.replace("data:image", "").split("</style>")[1].split("Made with")[0]
+    assert len(list((tmp_path / "cache").iterdir())) == 1
+    assert build_fmu.main(options) == 0 and "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text()
+
+
+def test_a_passed_bound_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(compare, "POSITION_BOUND", 0.0)
+    assert build_fmu.main(["two_bar", "--output", str(tmp_path), "--no-cache"]) == 1
+    assert "FAILED two_bar: short: position error" in capsys.readouterr().err
+    assert "Bounds passed" in (tmp_path / "python" / "two_bar.html").read_text(encoding="utf-8")
+
+
+def test_a_reference_that_cannot_go_on_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
+    def give_up(*_, **__):
+        raise SimulationError("stalled", "no progress", 0.01)
+
+    monkeypatch.setattr(reference, "simulate", give_up)
+    assert build_fmu.main(["two_bar", "--output", str(tmp_path), "--no-cache"]) == 1
+    assert "a short lift: stalled" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--runtime", "native"], ["--naming", "odd", "two_bar"]]
+)
+def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = build_fmu.main(words)
+    except SystemExit as end:
+        code = end.code
+    assert code == 2 and list(tmp_path.iterdir()) == []
+    assert "error" in capsys.readouterr().err
+
+
+def test_a_users_scene(tmp_path, monkeypatch):
+    """A scene file in the user's folder, extending a built-in one, is built under its own name."""
+    (tmp_path / "mine.toml").write_text('extends = "two_bar"\nname = "mine"\ndescription = "softer"\n[materials.cable]\nstiffness = 9e3\n')
+    monkeypatch.chdir(tmp_path)
+    assert build_fmu.main(["mine.toml", "--no-validate", "--naming", "flat"]) == 0
+    assert [path.name for path in (tmp_path / "dist" / "python").iterdir()] == ["mine.fmu"]
+
+
+def test_a_bad_users_scene_names_its_key(tmp_path, monkeypatch, capsys):
+    (tmp_path / "bad.toml").write_text('extends = "two_bar"\nname = "bad"\n[bars]\nb1.mass = -3.0\n')
+    monkeypatch.chdir(tmp_path)
+    assert build_fmu.main(["bad.toml"]) == 2
+    shown = capsys.readouterr().err
+    assert "bad.toml" in shown and "b1.mass" in shown and "-3.0" in shown
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
+
+
+def test_reports_escape_names(brief, tmp_path):
+    model = replace(scene("two_bar"), description="<b>& co</b>")
+    run = short(model)
+    result = kernel.simulate(run.model, run.inputs)
+    fmu = {name: getattr(result, name) for name in ("position", "string_force")}
+    odd = replace(run, title="<i>tilted</i>")
+    found = compare.Comparison(0, 0, 0, 0, 1, 0, 0, 0, (0, 0), 0, 0, 0, 0.1, 0)
+    write_report(validate.Validation(model, "python", (validate.Run(odd, result, fmu, found, 1e-4, False),)), tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "<i>" not in page and "<b>" not in page and "&lt;i&gt;tilted" in page
