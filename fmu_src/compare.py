@@ -25,10 +25,10 @@ ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work")
 
 @dataclass(frozen=True)
 class Comparison:
-    """Largest differences.  position, length: m; velocity: m/s; force: N over all kinds of forces, force_bound its bound;
-    energy: J; snapped: samples that differ; ledger: of the FMU, relative; transitions: numbers in reference and FMU, those without
-    a partner, and the largest difference in time of partners, s; sensitivity: m, growth of PERTURBATION; until: s, how
-    long the runs were compared; left_out: samples near transitions.
+    """Largest differences.  position, length: m; velocity: m/s; force: N, over all kinds of forces; force_bound: N, its
+    bound; energy: J; snapped: samples that differ; ledger: of the FMU, relative; transitions: numbers in reference and
+    FMU; unmatched: those without partner; transition_time: largest difference of partners, s; sensitivity: what became
+    of PERTURBATION, m; until: how long the runs were compared, s; left_out: samples near transitions.
     """
 
     position: float

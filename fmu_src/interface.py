@@ -66,7 +66,7 @@ ROLES = {
 #: The smallest number that counts as positive.
 POSITIVE = sys.float_info.min
 
-#: Values that the kernel accepts (ts_check in native/simulation.c): field -> (smallest, largest); None: any finite number.
+#: Values that the kernel accepts (ts_check in native/simulation.c): field -> (smallest, largest); None: any finite one.
 LIMITS = {
     "rest_length": (0.0, None),
     "stiffness": (0.0, None),

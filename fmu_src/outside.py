@@ -1,9 +1,9 @@
 """Runs an FMU as a stranger would: `python -I outside.py job.json result.npz`, with numpy and fmpy and nothing else.
 
-The job: {"fmu": path, "runs": [{"name", "arrays": .npz path, "inputs": [names], "parameters": {name: value}}]}; an array
-file holds times (K+1,) in s and values (K, number of inputs).  The result holds for each run `name/outputs` (K+1, number
-of outputs; row 0 in Initialization Mode), `name/events` (number, 4: time, string, before, after) and `name/seconds`, and
-`output_names`, `strings`.  The project's own packages are barred: what runs is what the FMU carries.
+The job: {"fmu": path, "runs": [{"name", "arrays": .npz path, "inputs": [names], "parameters": {name: value}}]}; an
+array file holds times (K+1,) in s and values (K, number of inputs).  The result holds for each run `name/outputs`
+(K+1, number of outputs; row 0 in Initialization Mode), `name/events` (number, 4: time, string, before, after) and
+`name/seconds`, and `output_names`, `strings`.  The project's own packages are barred: what runs is what the FMU holds.
 """
 
 import importlib.abc
@@ -16,6 +16,7 @@ import time
 import numpy as np
 
 BARRED = ("tensegrity_core", "fmu_src", "pythonfmu", "scipy")
+CATEGORIES = ("logEvents", "logStatusDiscard", "logStatusError")
 EVENT = re.compile(r"string (\S+): piece (-?\d+) -> (-?\d+) at t = (\S+) s")
 
 
@@ -169,7 +170,7 @@ def main(job_path, result_path):
     try:
         for item in job["runs"]:
             arrays = np.load(item["arrays"])
-            instance = Instance(description, folder, item["name"], True, ("logEvents", "logStatusDiscard", "logStatusError"))
+            instance = Instance(description, folder, item["name"], True, CATEGORIES)
             out, names, seconds = run(instance, arrays["times"], arrays["values"], item["inputs"], item["parameters"])
             instance.close()
             result[f"{item['name']}/outputs"] = out

@@ -64,8 +64,8 @@ class PackError(TensegrityError):
 def pack_python_fmu(model: Model, destination: Path, naming: str = "structured", library: Path | None = None) -> Path:
     """Write the FMU of a model, over pythonfmu, for the platform that runs this; returns its path.
 
-    destination: the .fmu file; library: the kernel's C library, by default the one that this Python uses; naming: of the
-    variables, 'structured' or 'flat'.  Raises PackError where pythonfmu has no binary for this platform.
+    destination: the .fmu file; library: the kernel's C library, by default the one that this Python uses; naming: of
+    the variables, 'structured' or 'flat'.  Raises PackError where pythonfmu has no binary for this platform.
     """
     files = python_fmu_files(model, naming, library or CORE / "native" / LIBRARY)
     write_zip(destination, files)

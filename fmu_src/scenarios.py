@@ -17,8 +17,8 @@ from tensegrity_core.model import Model
 DURATION, STEP = 5.0, 0.01
 #: Dampings as multiples of the scene's: d = 50, 500 and 5000 N s/m in the article's scenes.
 DAMPINGS = (0.1, 1.0, 10.0)
-#: Lift on each top node and half height of the square wave, N.  Every built-in scene bears them, measured: over 5 s a start
-#: that is 1e-12 m off ends within 1e-9 m, and no string gets shorter than 6 cm.
+#: Lift on each top node and half height of the square wave, N.  Every built-in scene bears them, measured: over 5 s a
+#: start that is 1e-12 m off stays within 1e-9 m, and no string gets shorter than 6 cm.
 LIFT, WAVE = 42.0, 400.0
 
 
@@ -42,7 +42,8 @@ def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thor
         everywhere = np.any(model.damping) and (thorough or name == "square_wave")
         for factor in DAMPINGS if everywhere else (1.0,):
             damped = replace(model, damping=factor * model.damping)
-            found.append(Scenario(f"{name}_{factor:g}d".replace(".", "_"), f"{title}, {_shown(damped)}", damped, inputs))
+            identifier = f"{name}_{factor:g}d".replace(".", "_")
+            found.append(Scenario(identifier, f"{title}, {_shown(damped)}", damped, inputs))
     return found
 
 
@@ -68,9 +69,10 @@ def _inputs(model: Model, times: np.ndarray):
     )
 
     moving, amplitude = moving_strings(model)
+    names = ", ".join(model.string_names[i] for i in moving)
     yield (
         "rest_lengths",
-        f"rest lengths of {', '.join(model.string_names[i] for i in moving)}: sine of {amplitude:.3g} m, 2.5 s, from 2 s",
+        f"rest lengths of {names}: sine of {amplitude:.3g} m, 2.5 s, from 2 s",
         held(model, times, rest_length=lambda t: model.rest_length + amplitude * moving_mask(model) * _sine(t)),
     )
 

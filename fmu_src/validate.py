@@ -94,7 +94,11 @@ def workers() -> Executor:
 
 
 def run_outside(
-    fmu: Path, model: Model, naming: str = "structured", runs: list[Scenario] | None = None, python: str = sys.executable
+    fmu: Path,
+    model: Model,
+    naming: str = "structured",
+    runs: list[Scenario] | None = None,
+    python: str = sys.executable,
 ) -> list[tuple[dict[str, np.ndarray], list[Transition], float]]:
     """Run an FMU in a fresh isolated interpreter.  Returns per scenario its outputs, transitions, and seconds per step.
 
@@ -157,8 +161,8 @@ def reference_settings(run: Scenario) -> dict:
 
 
 def reference_run(run: Scenario, cache: Path | None) -> tuple[Result, bool, np.ndarray]:
-    """In a worker: the reference under a scenario, whether it was cached, and positions (K+1, N, 3) of the kernel from a
-    start that is PERTURBATION off, for the scenario's sensitivity.
+    """In a worker: the reference under a scenario, whether it was cached, and positions (K+1, N, 3) of the kernel from
+    a start that is PERTURBATION off, for the scenario's sensitivity.
     """
     settings = reference_settings(run)
     key = reference_key(run.model, run.inputs, settings)

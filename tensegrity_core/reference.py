@@ -111,7 +111,7 @@ def elastic_tension(stretch, taut, piece, k, honeycombs):
     that each string uses; honeycombs: (string, NSH) of the strings with an NSH."""
     f = taut * k * stretch
     for j, nsh in honeycombs:
-        f[j] = honeycomb.force_on_piece(nsh, piece.item(j), stretch.item(j), k.item(j))
+        f[j] = honeycomb.tabulated_force(nsh, piece.item(j), stretch.item(j), k.item(j))
     return f
 
 

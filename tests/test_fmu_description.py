@@ -171,7 +171,8 @@ def _observe(model, bottomed_out, observed):
         kernel["rest_length"][i] -= 2.1 * sum(nsh.h) if nsh and bottomed_out else rng.uniform(0.005, 0.03)
     kernel["force"][:] = rng.normal(size=len(kernel["force"]))
     kernel["rest_length_rate"][:] = -rng.random(len(model.strings))
-    knowns = [row for row in table if row.causality != "output" and row.field not in ("tolerance", "max_step", "method")]
+    of_the_method = ("tolerance", "max_step", "method")
+    knowns = [row for row in table if row.causality != "output" and row.field not in of_the_method]
     base = _outputs(kernel)
     for row in knowns:
         before = kernel.values[row.reference]

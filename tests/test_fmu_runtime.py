@@ -109,7 +109,8 @@ def test_wrong_times_and_steps_are_discarded(instance):
     one.set({"n4.force.z": 20.0})
     one.fmu.doStep(0.0, 0.01)
     before = outputs(one)
-    for time, h in ((0.02, 0.01), (0.0, 0.01), (0.01, -0.01), (0.01, 0.0), (0.01, math.nan), (math.nan, 0.01), (0.01, math.inf)):
+    nan, inf = math.nan, math.inf
+    for time, h in ((0.02, 0.01), (0.0, 0.01), (0.01, -0.01), (0.01, 0.0), (0.01, nan), (nan, 0.01), (0.01, inf)):
         assert status(one.fmu.doStep, time, h) == DISCARD, (time, h)
         np.testing.assert_array_equal(outputs(one), before)
     assert said(one, "stands at t = 0.01 s") and said(one, "step size -0.01")
@@ -250,7 +251,8 @@ def test_a_rest_length_that_would_turn_negative_names_the_string(instance):
 
 def test_fixed_parameters_are_refused_after_initialization(instance):
     one = instance("three_bar_nsh")
-    for name, value in (("b1.mass", 2.0), ("s1.nsh.Q[2]", 9.0), ("solver.tolerance", 1e-6), ("solver.method", 2), ("n4.x", 0.0)):
+    late = {"b1.mass": 2.0, "s1.nsh.Q[2]": 9.0, "solver.tolerance": 1e-6, "solver.method": 2, "n4.x": 0.0}
+    for name, value in late.items():
         old = one.get(name)
         one.set({name: value})
         assert one.get(name) == old and said(one, name, "refused"), name
@@ -383,16 +385,19 @@ def test_no_sequence_of_calls_is_worse_than_discard(instance):
     def save():
         states.append(one.fmu.getFMUstate())
 
+    def pick(*choices):
+        return float(rng.choice(choices))
+
     calls = [
         lambda: one.fmu.setReal([int(rng.choice(references))], [float(rng.choice(values))]),
         lambda: one.fmu.setInteger([int(rng.choice(references))], [int(rng.integers(-9, 9))]),
         lambda: one.fmu.getReal([int(i) for i in rng.choice(references, 3)]),
         lambda: one.fmu.getInteger([int(i) for i in rng.choice(references, 2)]),
-        lambda: one.fmu.doStep(float(rng.choice([0.0, 0.01, math.nan])), float(rng.choice([0.01, -1.0, math.inf, 1e-9]))),
+        lambda: one.fmu.doStep(pick(0.0, 0.01, math.nan), pick(0.01, -1.0, math.inf, 1e-9)),
         one.fmu.enterInitializationMode,
         one.fmu.exitInitializationMode,
         one.fmu.terminate,
-        lambda: one.fmu.setupExperiment(startTime=float(rng.choice([0.0, math.nan])), tolerance=float(rng.choice(values))),
+        lambda: one.fmu.setupExperiment(startTime=pick(0.0, math.nan), tolerance=pick(*values)),
         save,
         lambda: states and one.fmu.setFMUstate(states[int(rng.integers(len(states)))]),
     ]

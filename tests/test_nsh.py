@@ -226,3 +226,13 @@ def test_bad_requests():
     assert math.isnan(nsh.force(ARTICLE, math.nan, K))
     with pytest.raises(InputError, match="zeta = 1.5"):
         nsh.beam_extrema(6.0, 1.5, 0.01)
+
+
+@pytest.mark.parametrize("honeycomb", [ARTICLE, NSH((5.0,), (7.9,), (0.02,)), NSH((3.0, 3.0), (3.0, 3.0), (0.03, 0.01))])
+def test_the_table_equals_the_exact_force(honeycomb):
+    ends = nsh.breakpoints(honeycomb)
+    tolerance = 3.0 * nsh.TABLE_ERROR * 4.0 * max(honeycomb.Q)
+    for number, (start, end) in enumerate(zip(ends, ends[1:]), 1):
+        for xi in np.linspace(start - 1e-4, end + 1e-4, 157):
+            exact = nsh.force_on_piece(honeycomb, number, xi, 1000.0)
+            assert abs(nsh.tabulated_force(honeycomb, number, xi, 1000.0) - exact) <= tolerance

@@ -1,1 +1,1 @@
-"""The core as a slave of pythonfmu.  Packed into FMUs beside a copy of the core; not for import from the source tree."""
+"""The core as a slave of pythonfmu.  Packed into FMUs beside a copy of the core; not imported from the source tree."""

@@ -3,9 +3,9 @@
 Inside an FMU this file stands in a package with a private name, beside a copy of the core (see pack.py); it is not
 imported from the source tree.
 
-pythonfmu's binary turns an exception into fmi2Fatal and cannot return fmi2Error.  So no hook lets an exception out: what
-cannot be done is logged and refused, the value that was there stays, and the next step is discarded.  A refused *value*
-discards every step until a good one is set in its place.
+pythonfmu's binary turns an exception into fmi2Fatal and cannot return fmi2Error.  So no hook lets an exception out:
+what cannot be done is logged and refused, the value that was there stays, and the next step is discarded.  A refused
+*value* discards every step until a good one is set in its place.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ class TensegritySlave(Fmi2Slave):
         if self._table.accepts(reference, tolerance):
             self._values[reference] = tolerance
         else:
-            self._log(Fmi2Status.warning, f"the tolerance {tolerance!r} of fmi2SetupExperiment is out of range: ignored")
+            what = f"the tolerance {tolerance!r} of fmi2SetupExperiment"
+            self._log(Fmi2Status.warning, f"{what} is out of range: ignored")
 
     @guarded(nothing)
     def enter_initialization_mode(self):
@@ -293,8 +294,8 @@ class TensegritySlave(Fmi2Slave):
     # Messages
 
     def _explain(self, error, step_size=0.0):
-        """The message of a kernel error, with the variables that it concerns: the one whose place it carries as `index`,
-        or the rest lengths that would turn negative within the step.
+        """The message of a kernel error, with the variables that it concerns: the one whose place it carries as
+        `index`, or the rest lengths that would turn negative within the step.
         """
         kernel, names = self._kernel, self._table.names
         concerned = [error.index] if hasattr(error, "index") else []

@@ -25,9 +25,9 @@ class StateError(Exception):
 
 @dataclass
 class State:
-    """mode: of the life cycle; start, time, stop: s; initialized: a start has been computed; tolerance_set: by the host,
-    so that fmi2SetupExperiment does not change it; pending: the next step is to be discarded; refused: value references
-    whose last value was refused.
+    """mode: of the life cycle; start, time, stop: s; initialized: a start has been computed; tolerance_set: by the
+    host, so that fmi2SetupExperiment does not change it; pending: the next step is to be discarded; refused: value
+    references whose last value was refused.
     """
 
     mode: int = INSTANTIATED
