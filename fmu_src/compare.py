@@ -14,6 +14,8 @@ from .interface import Variable
 
 #: Bounds: positions, m; forces, N and relative to the largest force of the run; energy ledger.
 POSITION_BOUND, FORCE_BOUND, FORCE_RELATIVE, LEDGER_BOUND = 1e-7, 1e-3, 1e-6, 1e-8
+#: Bound of the difference of transition times, s; none may be without partner.
+TRANSITION_BOUND = 1e-6
 #: Forces jump at transitions: samples this close to one are left out, s.
 WINDOW = 1e-6
 #: Start error whose growth is measured, m, and the growth past which comparing at POSITION_BOUND makes no sense, m.
@@ -53,8 +55,10 @@ class Comparison:
             ("position error", self.position, POSITION_BOUND, "m"),
             ("force error", self.force, self.force_bound, "N"),
             ("energy ledger", self.ledger, LEDGER_BOUND, "relative"),
+            ("transition time error", self.transition_time, TRANSITION_BOUND, "s"),
+            ("transitions without partner:", self.unmatched, 0, ""),
         )
-        return [f"{name} {value:.2g} > {bound:.2g} {unit}" for name, value, bound, unit in bounds if not value <= bound]
+        return [f"{name} {value:.2g} > {bound:.2g} {unit}".rstrip() for name, value, bound, unit in bounds if not value <= bound]
 
 
 def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs: np.ndarray) -> dict[str, np.ndarray]:
