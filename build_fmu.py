@@ -40,17 +40,27 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
 def main(words: list[str] | None = None) -> int:
     """Returns the exit code: 0; 1 where a bound was passed or a validation failed; 2 where nothing could be built."""
     options = arguments(words)
+    built: dict[str, Path] = {}
     try:
         fmi_platform()
-        models = {model.name: model for model in (build_model(load_scene(scene)) for scene in options.scenes)}
-    except TensegrityError as error:
+        models = unique([build_model(load_scene(scene)) for scene in options.scenes])
+        for name, model in models.items():
+            built[name] = pack_python_fmu(model, options.output / "python" / f"{name}.fmu", options.naming)
+            print(f"wrote {built[name]}", flush=True)
+    except (TensegrityError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    built = {}
-    for name, model in models.items():
-        built[name] = pack_python_fmu(model, options.output / "python" / f"{name}.fmu", options.naming)
-        print(f"wrote {built[name]}", flush=True)
     return validate(models, built, options) if options.validate else 0
+
+
+def unique(models: list) -> dict:
+    """Models by name.  Raises TensegrityError where two would become the same file."""
+    found = {}
+    for model in models:
+        if model.name in found:
+            raise TensegrityError(f"two scenes have the name {model.name!r}; give one of them another `name`")
+        found[model.name] = model
+    return found
 
 
 def validate(models: dict, built: dict, options: argparse.Namespace) -> int:
@@ -90,9 +100,11 @@ HEAD = f"{'scene':<16}{'runtime':<9}{'position error':>15}{'force error':>13}{'s
 
 def row(validation: Validation) -> str:
     """A line of the table: largest errors, wall time of a communication step, simulated time over wall time."""
+    whole = validation.until >= min(run.scenario.inputs.times[-1] for run in validation.runs)
+    cut = "" if whole else f"  compared until {validation.until:g} s, as far as the scene's sensitivity allows"
     return (
         f"{validation.model.name:<16}{validation.runtime:<9}{validation.position:>13.1e} m{validation.force:>11.1e} N"
-        f"{1e6 * validation.seconds:>8.0f} us{validation.factor:>10.0f}x"
+        f"{1e6 * validation.seconds:>8.0f} us{validation.factor:>10.0f}x{cut}"
     )
 
 

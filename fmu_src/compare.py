@@ -14,12 +14,13 @@ from .interface import Variable
 
 #: Bounds: positions, m; forces, N and relative to the largest force of the run; energy ledger.
 POSITION_BOUND, FORCE_BOUND, FORCE_RELATIVE, LEDGER_BOUND = 1e-7, 1e-3, 1e-6, 1e-8
-#: Bound of the difference of transition times, s; none may be without partner.
-TRANSITION_BOUND = 1e-6
+#: Bounds: transition times, s; velocities, m/s and relative to the largest; energies, relative to 1 J and the throughput.
+TRANSITION_BOUND, VELOCITY_BOUND, ENERGY_BOUND = 1e-6, 1e-6, 1e-6
 #: Forces jump at transitions: samples this close to one are left out, s.
 WINDOW = 1e-6
-#: Start error whose growth is measured, m, and the growth past which comparing at POSITION_BOUND makes no sense, m.
-PERTURBATION, SENSITIVE = 1e-12, 1e-8
+#: Start error whose growth is measured, m, and the growth past which comparing makes no sense, m: there an error of
+#: 1e-10 m, such as any integration makes, has grown to POSITION_BOUND.
+PERTURBATION, SENSITIVE = 1e-12, 1e-9
 
 FORCES = ("string_force", "elastic_force", "bar_force", "reaction")
 ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work")
@@ -27,10 +28,11 @@ ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work")
 
 @dataclass(frozen=True)
 class Comparison:
-    """Largest differences.  position, length: m; velocity: m/s; force: N, over all kinds of forces; force_bound: N, its
-    bound; energy: J; snapped: samples that differ; ledger: of the FMU, relative; transitions: numbers in reference and
-    FMU; unmatched: those without partner; transition_time: largest difference of partners, s; sensitivity: what became
-    of PERTURBATION, m; until: how long the runs were compared, s; left_out: samples near transitions.
+    """Largest differences.  position, length: m; velocity: m/s; force: N, over all kinds of forces; energy: J; force_bound,
+    velocity_bound, energy_bound: their bounds; snapped: samples that differ; ledger: of the FMU, relative; transitions:
+    numbers in reference and FMU; unmatched: those without partner; transition_time: largest difference of partners, s;
+    sensitivity: what became of PERTURBATION, m; until: how long the runs were compared, s; left_out: samples near
+    transitions.
     """
 
     position: float
@@ -38,7 +40,9 @@ class Comparison:
     velocity: float
     force: float
     force_bound: float
+    velocity_bound: float
     energy: float
+    energy_bound: float
     snapped: int
     ledger: float
     transitions: tuple[int, int]
@@ -55,6 +59,10 @@ class Comparison:
             ("position error", self.position, POSITION_BOUND, "m"),
             ("force error", self.force, self.force_bound, "N"),
             ("energy ledger", self.ledger, LEDGER_BOUND, "relative"),
+            ("length error", self.length, 2.0 * POSITION_BOUND, "m"),
+            ("velocity error", self.velocity, self.velocity_bound, "m/s"),
+            ("energy error", self.energy, self.energy_bound, "J"),
+            ("samples with a wrong number of snapped beams:", self.snapped, 0, ""),
             ("transition time error", self.transition_time, TRANSITION_BOUND, "s"),
             ("transitions without partner:", self.unmatched, 0, ""),
         )
@@ -95,6 +103,8 @@ def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transiti
         difference = np.abs(getattr(reference, name)[:rows] - fmu[name][:rows])[chosen]
         return float(np.max(difference, initial=0.0))
 
+    fastest = float(np.max(np.abs(reference.velocity[:rows])))
+    through = float(reference.throughput[rows - 1])
     largest = max(float(np.max(np.abs(getattr(reference, name)[:rows]), initial=0.0)) for name in FORCES)
     unmatched, shift = match(ours, theirs)
     return Comparison(
@@ -103,7 +113,9 @@ def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transiti
         velocity=gap("velocity"),
         force=max(gap(name, clear) for name in FORCES),
         force_bound=FORCE_BOUND + FORCE_RELATIVE * largest,
+        velocity_bound=VELOCITY_BOUND * max(1.0, fastest),
         energy=max(gap(name) for name in ENERGIES),
+        energy_bound=ENERGY_BOUND * max(1.0, through),
         snapped=int(np.sum(np.any(reference.snapped[:rows] != fmu["snapped"][:rows], axis=1)[clear])),
         ledger=_ledger(fmu, rows),
         transitions=(len(ours), len(theirs)),

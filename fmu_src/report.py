@@ -81,7 +81,8 @@ def _draw(axes, times, ours, reference, gap, names, label, error_label):
         above.plot(times, reference[:, i], color="black", linewidth=0.7, linestyle=(0, (1, 4)))
         below.plot(times, gap[:, i], linewidth=0.8, color=line.get_color())
     above.set_ylabel(label)
-    above.legend(fontsize="x-small", ncols=1 + len(names) // 8, loc="upper right", title="FMU; dotted: reference")
+    if names:
+        above.legend(fontsize="x-small", ncols=1 + len(names) // 8, loc="upper right", title="FMU; dotted: reference")
     below.set_yscale("symlog", linthresh=1e-12)
     below.set_ylabel(error_label)
     below.set_xlabel("time, s")

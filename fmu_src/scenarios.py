@@ -48,6 +48,8 @@ def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thor
 
 
 def _shown(model: Model) -> str:
+    if not len(model.strings):
+        return "no strings"
     low, high = np.min(model.damping), np.max(model.damping)
     return f"d = {low:g} N s/m" if low == high else f"d = {low:g} to {high:g} N s/m"
 
@@ -68,13 +70,14 @@ def _inputs(model: Model, times: np.ndarray):
         held(model, times, lambda t: wave if t % 1.0 < 0.5 else -wave),
     )
 
-    moving, amplitude = moving_strings(model)
-    names = ", ".join(model.string_names[i] for i in moving)
-    yield (
-        "rest_lengths",
-        f"rest lengths of {names}: sine of {amplitude:.3g} m, 2.5 s, from 2 s",
-        held(model, times, rest_length=lambda t: model.rest_length + amplitude * moving_mask(model) * _sine(t)),
-    )
+    if len(model.strings):
+        moving, amplitude = moving_strings(model)
+        names = ", ".join(model.string_names[i] for i in moving)
+        yield (
+            "rest_lengths",
+            f"rest lengths of {names}: sine of {amplitude:.3g} m, 2.5 s, from 2 s",
+            held(model, times, rest_length=lambda t: model.rest_length + amplitude * moving_mask(model) * _sine(t)),
+        )
 
     push = np.zeros((len(model.nodes), 3))
     push[node, list(model.axes)] = np.array([100.0, 50.0, -30.0])[list(model.axes)]

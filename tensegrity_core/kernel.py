@@ -69,6 +69,22 @@ def _pointer(array: np.ndarray):
     return array.ctypes.data_as(POINTER(c_double))
 
 
+class _Handle:
+    """Owns a simulation of the C library; views of its memory keep it alive."""
+
+    def __init__(self, library: ctypes.CDLL, sim: int):
+        self._library, self.sim = library, sim
+
+    def __del__(self):
+        self._library.ts_free(self.sim)
+
+    def view(self, pointer, ctype, count: int) -> np.ndarray:
+        """(count,) writable view of memory that belongs to the simulation."""
+        buffer = (ctype * count).from_address(ctypes.addressof(pointer.contents))
+        buffer._owner = self
+        return np.frombuffer(buffer, dtype=np.dtype(ctype))
+
+
 class Kernel:
     """One simulation.
 
@@ -86,19 +102,15 @@ class Kernel:
         self._sim = self._library.ts_create(packed, len(packed), message, len(message))
         if not self._sim:
             raise TensegrityError(f"the packed model is refused: {message.value.decode()}")
+        self._handle = _Handle(self._library, self._sim)
         counts = (c_int32 * len(COUNTS))()
         self._library.ts_counts(self._sim, counts)
         self.counts = dict(zip(COUNTS, counts))
         self.layout, self.integer_layout = layout(self.counts), layout(self.counts, INTEGER_FIELDS)
         n_real, n_int = self.layout[FIELDS[-1].name].stop, self.integer_layout[INTEGER_FIELDS[-1].name].stop
-        self.values = np.ctypeslib.as_array(self._library.ts_values(self._sim), (n_real,))
-        self.integers = np.ctypeslib.as_array(self._library.ts_integers(self._sim), (n_int,))
+        self.values = self._handle.view(self._library.ts_values(self._sim), c_double, n_real)
+        self.integers = self._handle.view(self._library.ts_integers(self._sim), c_int32, n_int)
         self.state_size = self._library.ts_state_size(self._sim)
-
-    def __del__(self):
-        if getattr(self, "_sim", None):
-            self._library.ts_free(self._sim)
-            self._sim = None
 
     @property
     def time(self) -> float:
@@ -192,15 +204,27 @@ class Kernel:
         self._library.ts_get_state(self._sim, _pointer(y))
         return y
 
+    def _state(self, y: np.ndarray) -> np.ndarray:
+        y, length = np.ascontiguousarray(y, dtype=float), self._library.ts_state_length(self._sim)
+        if y.shape != (length,):
+            raise InputError(f"the state has the shape {y.shape}; give one of shape {(length,)}")
+        return y
+
+    def _string(self, string: int) -> int:
+        if not 0 <= string < self.counts["S"]:
+            raise InputError(f"string = {string!r}: there are {self.counts['S']} strings, counted from 0")
+        return string
+
     def derivative(self, y: np.ndarray, tau: float = 0.0) -> np.ndarray:
         """Right-hand side at a state under the present pieces; tau: time since the last communication point, s."""
-        y, dy = np.ascontiguousarray(y, dtype=float), np.empty_like(y, dtype=float)
+        y = self._state(y)
+        dy = np.empty_like(y)
         self._library.ts_derivative(self._sim, tau, _pointer(y), _pointer(dy))
         return dy
 
     def jacobian(self, y: np.ndarray, tau: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of the accelerations by q, q' (n, n) and t (n,)."""
-        y, n = np.ascontiguousarray(y, dtype=float), (len(y) - 3) // 2
+        y, n = self._state(y), (len(y) - 3) // 2
         Jq, Jv, ft = np.empty((n, n)), np.empty((n, n)), np.empty(n)
         self._library.ts_jacobian(self._sim, tau, *(_pointer(a) for a in (y, Jq, Jv, ft)))
         return Jq, Jv, ft
@@ -208,12 +232,12 @@ class Kernel:
     def string_law(self, string: int, elongation: float) -> tuple[float, float, float, int]:
         """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m)."""
         out = np.empty(3)
-        piece = self._library.ts_string_law(self._sim, string, elongation, _pointer(out))
+        piece = self._library.ts_string_law(self._sim, self._string(string), elongation, _pointer(out))
         return out[0], out[1], out[2], piece
 
     def breakpoints(self, string: int) -> np.ndarray:
         """Elongations (m) at the ends of the pieces of a string's force curve, from 0."""
-        out = np.empty(self._library.ts_breakpoints(self._sim, string, None, 0))
+        out = np.empty(self._library.ts_breakpoints(self._sim, self._string(string), None, 0))
         self._library.ts_breakpoints(self._sim, string, _pointer(out), len(out))
         return out
 

@@ -306,6 +306,8 @@ def _require_balance(scene: Scene, model: Model) -> None:
     node = model.node_names[model.free_nodes[int(np.argmax(force))]]
     problem = f"the given coordinates are not in equilibrium: {force.max():.3g} N stay unbalanced at {node}"
     remedy = 'Correct the coordinates or the prestress, or write start = "settled" (or "released").'
+    if not model.fixed.any() and model.gravity:
+        remedy = "No node is fixed, so nothing bears the weight: fix a node, or let it float with gravity = 0."
     raise scene.error(f"nodes.{node}", problem, remedy)
 
 
@@ -487,7 +489,10 @@ def _require_support(surface: _Surface) -> None:
     """A structure afloat has an equilibrium only where its loads cancel."""
     net = surface.load.sum(axis=0)[list(surface.model.axes)]
     if not surface.model.fixed.any() and np.abs(net).max() > surface.balanced:
-        raise NoEquilibrium(f"no node is fixed, and the loads' sum is not 0 but {np.linalg.norm(net):.6g} N")
+        raise NoEquilibrium(
+            f"no node is fixed, and the loads' sum is not 0 but {np.linalg.norm(net):.6g} N; fix a node, or let it float "
+            "without gravity (gravity = 0)"
+        )
 
 
 def _step_limit(model: Model) -> float:

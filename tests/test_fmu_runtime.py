@@ -240,6 +240,17 @@ def test_bad_start_values_can_be_mended(instance):
     assert one.get("n4.z") == pytest.approx(scene("three_bar_nsh").nodes[3, 2], abs=1e-9)
 
 
+def test_a_fixed_parameter_refused_before_the_start_is_mended_by_the_value_that_was_kept(instance):
+    one = instance("three_bar", started=False)
+    one.fmu.setupExperiment(startTime=0.0)
+    one.fmu.enterInitializationMode()
+    one.set({"b1.mass": -1.0})
+    one.fmu.exitInitializationMode()
+    assert status(one.fmu.doStep, 0.0, 0.01) == DISCARD
+    one.set({"b1.mass": 1.0})
+    one.fmu.doStep(0.0, 0.01)
+
+
 def test_a_rest_length_that_would_turn_negative_names_the_string(instance):
     one = instance("three_bar")
     one.set({"s5.rest_length": 0.001, "s5.rest_length_rate": -1.0})

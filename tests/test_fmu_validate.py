@@ -1,6 +1,7 @@
 """Validation: from outside, against the reference; the cache, the comparison, the command and its exit codes."""
 
 import shutil
+from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from tensegrity_core import kernel, reference
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.inputs import grid, held
 from tensegrity_core.result import Transition
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
 
 SETTINGS = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-10}
 
@@ -208,6 +211,29 @@ def test_errors_past_their_bounds_fail(compared):
     assert "energy ledger" in shift("dissipated", 1e-3, row=slice(5, None))[0]
 
 
+@pytest.mark.parametrize("field", ["velocity", "string_length", "kinetic", "snapped"])
+def test_every_output_is_judged(compared, field):
+    def change(fmu):
+        fmu[field] = fmu[field] + 1 if field == "snapped" else fmu[field] + 1e-3
+
+    failures = compared(change).failures
+    assert failures and ("snapped" in failures[0] or "error" in failures[0])
+
+
+@pytest.mark.parametrize("factor", [3.0, 1.001])
+def test_an_fmu_with_wrong_physics_fails(factor, fmus):
+    """What the FMU does must not decide how long it is compared."""
+    model = scene("three_bar")
+    run = short(model, 0.3)
+    wrong = replace(run, model=replace(run.model, damping=factor * run.model.damping))
+    outside = validate.run_outside(fmus["three_bar"], model, runs=[wrong])
+    future = Future()
+    future.set_result(validate.reference_run(run, None))
+    found = validate.finish(model, "python", [run], outside, [future])
+    assert found.until == 0.3
+    assert any("position error" in failure for failure in found.failures)
+
+
 def test_runs_are_compared_as_long_as_their_sensitivity_allows(compared):
     assert compared(growth=1e-9).until == 0.2
     assert compared(growth=1e-7).until == 0.0
@@ -224,8 +250,6 @@ def test_speed_is_measured(fmus):
 @pytest.fixture
 def brief(monkeypatch):
     """Validation under one short scenario instead of the long ones, in this process."""
-    from concurrent.futures import Future
-
     class Here:
         def __enter__(self):
             return self
@@ -278,7 +302,8 @@ def test_a_reference_that_cannot_go_on_is_exit_code_1(brief, tmp_path, capsys, m
 
 @pytest.mark.parametrize(
     "words",
-    [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--runtime", "native"], ["two_bar", "-x"]],
+    [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--runtime", "native"], ["two_bar", "-x"],
+     ["two_bar", "two_bar"]],
 )
 def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -299,6 +324,24 @@ def test_a_users_scene(tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "dist" / "python").iterdir()] == ["mine.fmu"]
 
 
+def test_an_output_that_is_no_folder_is_exit_code_2(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert build_fmu.main(["two_bar", "--output", str(tmp_path / "file")]) == 2
+    assert "file" in capsys.readouterr().err
+
+
+def test_a_scene_without_strings_is_validated(tmp_path):
+    """A pendulum: one bar pinned to the ground, released at 45 degrees."""
+    (tmp_path / "pendulum.toml").write_text(
+        'plane = "xz"\nstart = "released"\nfixed = ["n1"]\n[nodes]\nn1 = [0.0, 0.0]\nn2 = [0.7, -0.7]\n'
+        '[bars]\nb1 = { nodes = ["n1", "n2"], mass = 1.0 }\n[strings]\n'
+    )
+    model = build_model(load_scene(tmp_path / "pendulum.toml"))
+    names = [run.name for run in scenarios(model)]
+    assert names == ["constant_1d", "square_wave_1d", "push_1d"]
+    assert build_fmu.main([str(tmp_path / "pendulum.toml"), "--output", str(tmp_path), "--no-cache"]) == 0
+
+
 def test_a_bad_users_scene_names_its_key(tmp_path, monkeypatch, capsys):
     (tmp_path / "bad.toml").write_text('extends = "two_bar"\nname = "bad"\n[bars]\nb1.mass = -3.0\n')
     monkeypatch.chdir(tmp_path)
@@ -314,7 +357,7 @@ def test_reports_escape_names(brief, tmp_path):
     result = kernel.simulate(run.model, run.inputs)
     fmu = {name: getattr(result, name) for name in ("position", "string_force")}
     odd = replace(run, title="<i>tilted</i>")
-    found = compare.Comparison(0, 0, 0, 0, 1, 0, 0, 0, (0, 0), 0, 0, 0, 0.1, 0)
+    found = compare.Comparison(0, 0, 0, 0, 1, 1, 0, 1, 0, 0, (0, 0), 0, 0, 0, 0.1, 0)
     runs = (validate.Run(odd, result, fmu, found, 1e-4, False),)
     write_report(validate.Validation(model, "python", runs), tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")

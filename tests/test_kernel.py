@@ -410,14 +410,41 @@ def test_bad_parameters_are_refused_at_the_start(field, value):
     np.testing.assert_array_equal(k.state, before)
 
 
-def test_fixed_parameters_are_fixed():
+@pytest.mark.parametrize("field, value", [("bar_mass", 2.0), ("tolerance", 1e-6), ("method", 2)])
+def test_fixed_parameters_are_fixed(field, value):
     k = Kernel(scene("three_bar"))
     k.initialize()
-    k["bar_mass"][1] = 2.0
+    k[field][0] = value
     with pytest.raises(InputError, match="fixed parameter"):
         k.step(0.01)
     k.initialize()
     k.step(0.01)
+
+
+def test_analysis_needs_no_start_and_checks_its_arguments():
+    k = Kernel(scene("three_bar_nsh"))
+    assert k.string_law(0, 0.01)[0] > 0.0 and len(k.breakpoints(0)) == 13
+    for call in (lambda: k.string_law(99, 0.01), lambda: k.breakpoints(-1), lambda: k.derivative(np.zeros(3))):
+        with pytest.raises(InputError, match="string|shape"):
+            call()
+
+
+def test_views_outlive_their_kernel():
+    rest = Kernel(scene("three_bar"))["rest_length"]
+    others = [Kernel(scene("three_bar_nsh")) for _ in range(20)]
+    np.testing.assert_array_equal(rest, scene("three_bar").rest_length)
+    assert len(others) == 20
+
+
+def test_a_restored_kernel_has_the_derivative_of_its_state():
+    model = scene("three_bar_nsh")
+    k, other = Kernel(model), Kernel(dataclasses.replace(model))
+    k.initialize()
+    k.step(0.1)
+    other["gravity"][:] = 0.0
+    other.initialize()
+    other.restore(k.save())
+    np.testing.assert_array_equal(other.derivative(k.state), k.derivative(k.state))
 
 
 @pytest.mark.parametrize("h", [0.0, -1.0, np.nan, np.inf])
@@ -460,12 +487,31 @@ def test_an_absurd_force_is_answered_or_refused(name, size):
 def test_an_infinite_acceleration_is_named():
     model = dataclasses.replace(scene("three_bar"), bar_mass=np.full(3, 1e-300))
     k = Kernel(model)
-    k["force"][2] = 1e300
     k.initialize()
+    k["force"][2] = 1e300
     before = k.save()
     with pytest.raises(SimulationError, match="not_finite"):
         k.step(1e-3)
     assert k.save() == before
+    with pytest.raises(SimulationError, match="not_finite"):
+        k.initialize()
+
+
+def test_a_transition_a_few_ulp_before_a_communication_point():
+    """At 1e6 N elongations change so fast that a transition can leave less than a step's worth of time."""
+    model = changed(scene("three_bar"), 0)
+    k = Kernel(model)
+    k["force"][2] = 1e6
+    k.initialize()
+    start = k.save()
+    k.step(0.05)
+    instants = [t.time for t in k.transitions]
+    assert len(instants) > 20
+    for instant in instants:
+        for ulps in range(-20, 21, 2):
+            k.restore(start)
+            k.step(instant + ulps * np.spacing(instant))
+            k.step(1e-4)
 
 
 def test_a_rest_length_of_zero():

@@ -226,7 +226,9 @@ class TensegritySlave(Fmi2Slave):
         name = self._table.names[reference]
         settable = self._table.settable[reference]
         if settable < self._state.mode:
-            if target[reference - block.first] != value:
+            if target[reference - block.first] == value:
+                self._state.refused.discard(reference)  # mended: it is the value that was kept
+            else:
                 self._refuse(f"{name} = {value!r} refused: {self._why_not(settable)}")
         elif not self._table.accepts(reference, value):
             self._state.refused.add(reference)

@@ -194,6 +194,7 @@ int ts_integrate(ts_sim *sim, double end)
         }
         stuck = tau + passed > tau ? 0 : stuck + 1;
         tau += passed;
+        if (end - tau <= 8.0 * DBL_EPSILON * end) tau = end; /* no step fits between the transition and the end */
         if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, TS_CHATTERING);
         memory->stats[TS_RESTARTS]++;
         memory->h_last = h;

@@ -11,6 +11,7 @@
 
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
 #define TS_MAX_STEPS 2000000      /* per call of ts_step */
+#define TS_MAX_BARS 5000          /* dense matrices of int-sized index */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
 #define TS_DEGREE 7               /* of the polynomials of an NSH's force curve */
 #define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
@@ -76,6 +77,8 @@ typedef struct {
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
     int32_t patience; /* how many of them make `auto` leave the explicit method */
     int32_t started;  /* ts_initialize() has been called */
+    int32_t method;   /* as it was then */
+    int32_t padding;
     int64_t stats[TS_STATS];
 } ts_memory;
 

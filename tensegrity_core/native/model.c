@@ -83,7 +83,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(sim->gap0, S), TAKE(sim->rate0, S), TAKE(sim->gap1, S), TAKE(sim->rate1, S);
     TAKE(sim->y1, ny), TAKE(sim->f0, ny), TAKE(sim->f1, ny), TAKE(sim->ytmp, ny), TAKE(sim->err, ny);
     TAKE(sim->k, 16 * ny), TAKE(sim->cont, 8 * ny);
-    TAKE(sim->Jq, nq * nq), TAKE(sim->Jv, nq * nq), TAKE(sim->W, nq * nq);
+    TAKE(sim->Jq, (size_t)nq * nq), TAKE(sim->Jv, (size_t)nq * nq), TAKE(sim->W, (size_t)nq * nq);
     TAKE(sim->ft, nq), TAKE(sim->lin, 4 * nq), TAKE(sim->pivot, nq);
     TAKE(sim->backup, m->n_real + sim->n_applied + ny), TAKE(sim->backup_ints, m->n_int + 2 * S);
     TAKE(sim->node_force, N * D), TAKE(sim->transitions, TS_MAX_TRANSITIONS);
@@ -237,6 +237,7 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
         m->beams = m->strings + 2 * m->count[TS_S];
         m->start = nodes + 2 * N * D;
         reason = check(m);
+        if (!reason && m->count[TS_B] > TS_MAX_BARS) reason = "more bars than the dense Jacobian allows";
         if (!reason) {
             m->blocks = 0;
             for (int i = 0; i < m->count[TS_B]; i++)

@@ -80,6 +80,12 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
     }
     memcpy(sim->values, sim->m.start, sizeof(double) * (size_t)sim->n_applied);
     sim->integers[sim->m.int_at[TS_INT_METHOD]] = sim->m.method_start;
+    int32_t index;
+    if (ts_check(sim, &index) != TS_OK || !build_curves(sim)) {
+        snprintf(message, capacity, "a parameter is outside its range");
+        ts_free(sim);
+        return NULL;
+    }
     say(sim, "");
     return sim;
 }
@@ -169,6 +175,7 @@ int ts_initialize(ts_sim *sim, double time)
     sim->memory.time = time;
     sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
     sim->memory.patience = DEFAULT_PATIENCE;
+    sim->memory.method = method;
     sim->memory.started = 1;
     sim->transition_count = 0;
     memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
@@ -178,6 +185,12 @@ int ts_initialize(ts_sim *sim, double time)
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
+    for (int i = 0; i < 2 * m->nq; i++)
+        if (!isfinite(sim->f0[i])) {
+            say(sim, "the accelerations at the start are not finite numbers");
+            sim->memory.started = 0;
+            return TS_NOT_FINITE;
+        }
     return TS_OK;
 }
 
@@ -208,11 +221,12 @@ static int check_change(ts_sim *sim, double h)
     int32_t index;
     int status = ts_check(sim, &index);
     if (status != TS_OK) return status;
-    for (int i = m->at[TS_BAR_MASS]; i < sim->n_applied; i++)
-        if (sim->values[i] != sim->applied[i]) {
-            say(sim, "a fixed parameter was changed after initialization");
-            return TS_BAD_INPUT;
-        }
+    int same = sim->integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
+    for (int i = m->at[TS_BAR_MASS]; i < sim->n_applied; i++) same = same && sim->values[i] == sim->applied[i];
+    if (!same) {
+        say(sim, "a fixed parameter was changed after initialization");
+        return TS_BAD_INPUT;
+    }
     for (int i = 0; i < m->count[TS_S]; i++)
         if (sim->values[m->at[TS_REST_LENGTH] + i] + h * sim->values[m->at[TS_REST_LENGTH_RATE] + i] < 0.0) {
             say(sim, "a rest length would become negative within the step");
@@ -256,7 +270,8 @@ int ts_step(ts_sim *sim, double h)
         say(sim, sim->memory.started ? "the step must be positive and finite" : "initialize first");
         return TS_BAD_STEP;
     }
-    int changed = memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim);
+    int changed = memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim) ||
+                  sim->integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
     if (changed && (status = check_change(sim, h)) != TS_OK) return status;
     backup(sim, &memory);
     sim->transition_count = 0;
@@ -333,20 +348,19 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     }
     copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->transition_count = 0;
-    if (sim->memory.started) {
-        /* curves belong to the parameters of ts_initialize(); the present values may hold a newer, refused change */
-        double *parameters = sim->values + sim->m.at[TS_NSH_Q];
-        size_t count = 3 * (size_t)sim->m.count[TS_Z];
-        memcpy(sim->backup, parameters, sizeof(double) * count);
-        memcpy(parameters, sim->applied + sim->m.at[TS_NSH_Q], sizeof(double) * count);
-        int built = build_curves(sim);
-        memcpy(parameters, sim->backup, sizeof(double) * count);
-        if (!built) {
-            say(sim, "out of memory");
-            return TS_BAD_MODEL;
-        }
+    if (!sim->memory.started) return TS_OK;
+    /* What is derived belongs to the inputs and parameters of the last step; the present values may be newer. */
+    size_t count = sizeof(double) * (size_t)sim->n_applied;
+    memcpy(sim->backup, sim->values, count);
+    memcpy(sim->values, sim->applied, count);
+    int built = build_curves(sim);
+    if (built) {
+        ts_prepare(sim);
+        set_pieces(sim);
     }
-    return TS_OK;
+    memcpy(sim->values, sim->backup, count);
+    if (!built) say(sim, "out of memory");
+    return built ? TS_OK : TS_BAD_MODEL;
 }
 
 int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
