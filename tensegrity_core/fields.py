@@ -41,10 +41,10 @@ FIELDS = (
     Field("force", "input", ("F", "D"), "N", "external force on a free node, held over a step"),
     Field("rest_length", "input", ("S",), "m", "rest length at the start of the next step"),
     Field("rest_length_rate", "input", ("S",), "m/s", "rate of the rest length during the next step"),
-    Field("stiffness", "tunable", ("S",), "N/m", "k; of an NSH string: its stiffness once the NSH has bottomed out"),
-    Field("damping", "tunable", ("S",), "N.s/m", "d"),
+    Field("stiffness", "tunable", ("S",), "N/m", "stiffness; of an NSH string: once the NSH has bottomed out"),
+    Field("damping", "tunable", ("S",), "N.s/m", "damping coefficient"),
     Field("gravity", "tunable", (), "m/s2", "gravity, towards -z"),
-    Field("bar_mass", "fixed", ("B",), "kg", "m"),
+    Field("bar_mass", "fixed", ("B",), "kg", "mass"),
     Field("nsh_Q", "fixed", ("Z",), "N", "force scale of a beam, eq. 11"),
     Field("nsh_zeta", "fixed", ("Z",), "1", "shape parameter of a beam, eq. 11"),
     Field("nsh_h", "fixed", ("Z",), "m", "height of a beam's arch, eq. 11"),
@@ -54,7 +54,7 @@ FIELDS = (
     Field("velocity", "output", ("F", "D"), "m/s", "velocities of the free nodes"),
     Field("string_force", "output", ("S",), "N", "tension, elastic and damping"),
     Field("elastic_force", "output", ("S",), "N", "elastic tension"),
-    Field("string_length", "output", ("S",), "m", "xi"),
+    Field("string_length", "output", ("S",), "m", "length"),
     Field("bar_force", "output", ("B",), "N", "axial force, mean over the bar: -lambda l of eq. 1, tension positive"),
     Field("reaction", "output", ("G", "D"), "N", "force of the ground on the structure at a fixed node"),
     Field("kinetic", "output", (), "J", "kinetic energy"),
@@ -66,7 +66,7 @@ FIELDS = (
 )
 
 INTEGER_FIELDS = (
-    Field("method", "fixed", (), "1", "integration method, index into METHODS"),
+    Field("method", "fixed", (), "1", "integration method"),
     Field("snapped", "output", ("H",), "1", "beams of an NSH that are past their force maximum"),
 )
 

@@ -213,6 +213,8 @@ class Kernel:
     def _string(self, string: int) -> int:
         if not 0 <= string < self.counts["S"]:
             raise InputError(f"string = {string!r}: there are {self.counts['S']} strings, counted from 0")
+        if self._library.ts_breakpoints(self._sim, string, None, 0) < 0:
+            self.check()
         return string
 
     def derivative(self, y: np.ndarray, tau: float = 0.0) -> np.ndarray:

@@ -9,10 +9,10 @@ enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
     X(TS_FORCE, TS_ROLE_INPUT, TS_F, TS_D) /* N: external force on a free node, held over a step */ \
     X(TS_REST_LENGTH, TS_ROLE_INPUT, TS_S, -1) /* m: rest length at the start of the next step */ \
     X(TS_REST_LENGTH_RATE, TS_ROLE_INPUT, TS_S, -1) /* m/s: rate of the rest length during the next step */ \
-    X(TS_STIFFNESS, TS_ROLE_TUNABLE, TS_S, -1) /* N/m: k; of an NSH string: its stiffness once the NSH has bottomed out */ \
-    X(TS_DAMPING, TS_ROLE_TUNABLE, TS_S, -1) /* N.s/m: d */ \
+    X(TS_STIFFNESS, TS_ROLE_TUNABLE, TS_S, -1) /* N/m: stiffness; of an NSH string: once the NSH has bottomed out */ \
+    X(TS_DAMPING, TS_ROLE_TUNABLE, TS_S, -1) /* N.s/m: damping coefficient */ \
     X(TS_GRAVITY, TS_ROLE_TUNABLE, -1, -1) /* m/s2: gravity, towards -z */ \
-    X(TS_BAR_MASS, TS_ROLE_FIXED, TS_B, -1) /* kg: m */ \
+    X(TS_BAR_MASS, TS_ROLE_FIXED, TS_B, -1) /* kg: mass */ \
     X(TS_NSH_Q, TS_ROLE_FIXED, TS_Z, -1) /* N: force scale of a beam, eq. 11 */ \
     X(TS_NSH_ZETA, TS_ROLE_FIXED, TS_Z, -1) /* 1: shape parameter of a beam, eq. 11 */ \
     X(TS_NSH_H, TS_ROLE_FIXED, TS_Z, -1) /* m: height of a beam's arch, eq. 11 */ \
@@ -22,7 +22,7 @@ enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
     X(TS_VELOCITY, TS_ROLE_OUTPUT, TS_F, TS_D) /* m/s: velocities of the free nodes */ \
     X(TS_STRING_FORCE, TS_ROLE_OUTPUT, TS_S, -1) /* N: tension, elastic and damping */ \
     X(TS_ELASTIC_FORCE, TS_ROLE_OUTPUT, TS_S, -1) /* N: elastic tension */ \
-    X(TS_STRING_LENGTH, TS_ROLE_OUTPUT, TS_S, -1) /* m: xi */ \
+    X(TS_STRING_LENGTH, TS_ROLE_OUTPUT, TS_S, -1) /* m: length */ \
     X(TS_BAR_FORCE, TS_ROLE_OUTPUT, TS_B, -1) /* N: axial force, mean over the bar: -lambda l of eq. 1, tension positive */ \
     X(TS_REACTION, TS_ROLE_OUTPUT, TS_G, TS_D) /* N: force of the ground on the structure at a fixed node */ \
     X(TS_KINETIC, TS_ROLE_OUTPUT, -1, -1) /* J: kinetic energy */ \
@@ -34,7 +34,7 @@ enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
 
 /* X(name, role, first count, second count): counts index ts_counts(), -1: none */
 #define TS_INT_FIELDS(X) \
-    X(TS_INT_METHOD, TS_ROLE_FIXED, -1, -1) /* 1: integration method, index into METHODS */ \
+    X(TS_INT_METHOD, TS_ROLE_FIXED, -1, -1) /* 1: integration method */ \
     X(TS_INT_SNAPPED, TS_ROLE_OUTPUT, TS_H, -1) /* 1: beams of an NSH that are past their force maximum */ \
 
 #define TS_NAME(name, role, first, second) name,

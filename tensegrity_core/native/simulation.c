@@ -81,8 +81,8 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
     memcpy(sim->values, sim->m.start, sizeof(double) * (size_t)sim->n_applied);
     sim->integers[sim->m.int_at[TS_INT_METHOD]] = sim->m.method_start;
     int32_t index;
-    if (ts_check(sim, &index) != TS_OK || !build_curves(sim)) {
-        snprintf(message, capacity, "a parameter is outside its range");
+    if (ts_check(sim, &index) == TS_OK && !build_curves(sim)) { /* else ts_initialize() will say what is wrong */
+        snprintf(message, capacity, "out of memory");
         ts_free(sim);
         return NULL;
     }
@@ -378,6 +378,7 @@ void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *J
 
 int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3])
 {
+    if (!sim->curves_ready) return -1;
     const ts_curve *c = sim->curve + string;
     double k = sim->values[sim->m.at[TS_STIFFNESS] + string];
     int piece = ts_curve_piece(c, elongation);
@@ -388,6 +389,7 @@ int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double o
 
 int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity)
 {
+    if (!sim->curves_ready) return -1;
     const ts_curve *c = sim->curve + string;
     for (int i = 0; i <= c->pieces && i < capacity; i++) out[i] = c->end[i];
     return c->pieces + 1;
