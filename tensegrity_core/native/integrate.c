@@ -7,7 +7,6 @@
 
 #define SAFETY 0.9
 #define SHRINK 0.2     /* smallest factor of the step after a rejection */
-#define STIFF_SIGNS 15 /* stiff steps after which `auto` takes the L-stable method */
 #define CALM_SIGNS 3   /* steps after which it returns */
 #define MAX_PATIENCE 1000
 

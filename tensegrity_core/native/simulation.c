@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define STATE_MAGIC 0x3154415453534e54u /* "TNSSTAT1" */
-#define DEFAULT_PATIENCE 15
+#define DEFAULT_PATIENCE 15 /* stiff steps after which `auto` takes the L-stable method */
 
 static const char *const status_names[] = {
 #define TS_ERROR(name, text) #name,
