@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass, field
 from xml.etree import ElementTree as XML
 
-from tensegrity_core.fields import METHODS
+from tensegrity_core.fields import METHOD_MEANINGS
 from tensegrity_core.model import Model
 
 from .interface import Variable
@@ -135,13 +135,8 @@ def _add_method_type(root: XML.Element) -> None:
     types = XML.SubElement(root, "TypeDefinitions")
     simple = XML.SubElement(types, "SimpleType", name="solver.Method", description="integration method")
     enumeration = XML.SubElement(simple, "Enumeration")
-    meaning = {
-        "auto": "explicit, and implicit where the motion is stiff",
-        "dop853": "explicit Runge-Kutta method of order 8 by Dormand and Prince",
-        "rodas5p": "L-stable Rosenbrock method of order 5",
-    }
-    for value, name in enumerate(METHODS):
-        XML.SubElement(enumeration, "Item", name=name, value=str(value), description=meaning[name])
+    for value, (name, meaning) in enumerate(METHOD_MEANINGS.items()):
+        XML.SubElement(enumeration, "Item", name=name, value=str(value), description=meaning)
 
 
 def _add_experiment(root: XML.Element, experiment: Experiment) -> None:

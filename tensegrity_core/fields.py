@@ -49,7 +49,7 @@ FIELDS = (
     Field("nsh_zeta", "fixed", ("Z",), "1", "shape parameter of a beam, eq. 11"),
     Field("nsh_h", "fixed", ("Z",), "m", "height of a beam's arch, eq. 11"),
     Field("tolerance", "fixed", (), "1", "error per step: relative, and absolute in m and m/s"),
-    Field("max_step", "fixed", (), "s", "largest step of the integrator; 0: no limit"),
+    Field("max_step", "fixed", (), "s", "largest step of the integrator, 0: no limit; the step of rk4 and ros2, 0: 1 ms"),
     Field("position", "output", ("N", "D"), "m", "node positions"),
     Field("velocity", "output", ("F", "D"), "m/s", "velocities of the free nodes"),
     Field("string_force", "output", ("S",), "N", "tension, elastic and damping"),
@@ -70,8 +70,16 @@ INTEGER_FIELDS = (
     Field("snapped", "output", ("H",), "1", "beams of an NSH that are past their force maximum"),
 )
 
-#: Integration methods by name; the index is what the kernel and the FMU's enumeration use.
-METHODS = ("auto", "dop853", "rodas5p")
+#: Integration methods and what they are, in one line each; a method's place is its number in the kernel and in the FMUs.
+METHOD_MEANINGS = {
+    "auto": "explicit, and implicit where the motion is stiff",
+    "dop853": "explicit Runge-Kutta method of order 8 by Dormand and Prince",
+    "rodas5p": "L-stable Rosenbrock method of order 5",
+    "radau9": "L-stable implicit Runge-Kutta method of order 9 (Radau IIA)",
+    "rk4": "classical explicit Runge-Kutta method of order 4, fixed step",
+    "ros2": "L-stable linearly implicit method of order 2, fixed step and fixed cost: for real time",
+}
+METHODS = tuple(METHOD_MEANINGS)
 
 #: Damping laws by name; see model.md's section on strings: what a string does while its damper exceeds its spring.
 DAMPING_LAWS = ("literal", "tension_only")

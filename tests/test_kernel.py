@@ -134,7 +134,10 @@ def test_table_of_any_honeycomb(rows):
 # --- transitions ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["auto", "dop853", "rodas5p"])
+ADAPTIVE = ["auto", "dop853", "rodas5p", "radau9"]
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
 @pytest.mark.parametrize("damping, count", [(50, 26), (500, 8), (5000, 8)])
 def test_every_transition_is_found_at_every_tolerance(method, damping, count):
     model = changed(scene("three_bar"), damping)
@@ -202,9 +205,14 @@ def test_a_transition_at_a_communication_point_is_taken_once():
 # --- accuracy and invariants ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method, order, steps", [("dop853", 8, (3, 6)), ("rodas5p", 5, (8, 16))])
-def test_measured_order(method, order, steps):
-    """Fixed steps (a loose tolerance, a largest step) on a stretch without transitions."""
+@pytest.mark.parametrize(
+    "method, order, steps, slack",
+    [("dop853", 8, (3, 6), 0.6), ("rodas5p", 5, (8, 16), 0.6), ("rk4", 4, (20, 40), 0.6), ("ros2", 2, (40, 80), 0.2),
+     ("radau9", 9, (1, 2), 1.0)],
+)  # fmt: skip
+def test_measured_order(method, order, steps, slack):
+    """Fixed steps (a loose tolerance, a largest step) on a stretch without transitions.  Radau's Newton iterations stop at
+    the tolerance's scale, which costs some of its order."""
     model = changed(scene("three_bar"), 20)
     inputs = constant(model, push(model, 5.0, 3.0), 0.03, 0.03)
     exact = kernel.simulate(model, inputs, tolerance=1e-14)
@@ -217,7 +225,7 @@ def test_measured_order(method, order, steps):
 
     coarse, fine = error(steps[0]), error(steps[1])
     assert fine > 1e-13, "already at round-off: the order is not measured"
-    assert order - 0.6 < np.log2(coarse / fine) < order + 1.6
+    assert order - slack < np.log(coarse / fine) / np.log(steps[1] / steps[0]) < order + 1.6
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -303,7 +311,7 @@ def test_a_free_structure_keeps_its_momentum():
     np.testing.assert_allclose(angular, np.broadcast_to(angular[0], angular.shape), atol=1e-8)
 
 
-@pytest.mark.parametrize("method", ["auto", "dop853", "rodas5p"])
+@pytest.mark.parametrize("method", ADAPTIVE)
 @pytest.mark.parametrize("damping, factor", [(50, 1), (5000, 1), (500, 100), (1e5, 1), (0, 100)])
 def test_methods_agree_where_one_of_them_finds_it_stiff(method, damping, factor):
     model = changed(scene("three_bar"), damping, factor)

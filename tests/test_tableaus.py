@@ -152,3 +152,70 @@ def test_rodas5p_is_stiffly_accurate_and_l_stable():
     assert abs(R(-1e8)) < 1e-6
     y = np.concatenate([np.linspace(0.01, 20, 400), np.logspace(1.3, 6, 200)])
     assert max(abs(R(1j * v)) for v in y) <= 1.0 + 1e-10  # A-stable: bounded on the imaginary axis, poles in the right half
+
+
+def test_rk4_has_order_4():
+    t = arrays("rk4_tableau.h")
+    A, b = t["A"][:4], t["A"][4]
+    assert worst_condition(b, A, A, 4) < 1e-15
+    assert worst_condition(b, A, A, 5) > 1e-3
+    np.testing.assert_allclose(t["A"].sum(axis=1), t["C"], atol=1e-15)
+
+
+def ros2():
+    t = arrays("ros2_tableau.h")
+    Gamma = np.linalg.inv(np.eye(2) / float(t["GAMMA"]) - t["C"])
+    return t, Gamma, t["A"] @ Gamma, t["M"] @ Gamma
+
+
+def test_ros2_has_order_2_with_any_matrix_in_the_place_of_the_jacobian():
+    t, Gamma, alpha, b = ros2()
+    one = np.ones(2)
+    assert worst_condition(b, alpha, alpha + Gamma, 2) < 1e-14
+    assert worst_condition(b, alpha, alpha + Gamma, 3) > 1e-3
+    assert abs(b @ alpha @ one - 0.5) < 1e-14  # the two parts of the second condition, each for itself
+    assert abs(b @ Gamma @ one) < 1e-14
+    np.testing.assert_allclose(alpha.sum(axis=1), t["ALPHA"], atol=1e-14)
+
+
+def test_ros2_is_l_stable():
+    t, Gamma, alpha, b = ros2()
+
+    def R(z):
+        return 1 + z * (b @ np.linalg.solve(np.eye(2) - z * (alpha + Gamma), np.ones(2)))
+
+    assert abs(R(-1e8)) < 1e-6
+    y = np.concatenate([np.linspace(0.01, 20, 400), np.logspace(1.3, 6, 200)])
+    assert max(abs(R(1j * v)) for v in y) <= 1.0 + 1e-10
+
+
+def test_radau9_has_order_9():
+    t = arrays("radau9_tableau.h")
+    A, c = t["A"], t["C"]
+    assert worst_condition(A[4], A, A, 9) < 1e-14
+    assert worst_condition(A[4], A, A, 10) > 1e-8
+    for k in range(1, 6):  # collocation
+        np.testing.assert_allclose(A @ c ** (k - 1), c**k / k, atol=1e-14)
+
+
+def test_radau9s_arrays_belong_together():
+    t = arrays("radau9_tableau.h")
+    A, c, T, TI = t["A"], t["C"], t["T"], t["TI"]
+    L = np.zeros((5, 5))
+    L[0, 0] = t["GAMMA"]
+    for k, (a, b) in enumerate(t["MU"]):
+        L[1 + 2 * k : 3 + 2 * k, 1 + 2 * k : 3 + 2 * k] = [[a, b], [-b, a]]
+    np.testing.assert_allclose(T @ TI, np.eye(5), atol=1e-13)
+    np.testing.assert_allclose(A @ T @ L @ TI, np.eye(5), atol=1e-12)
+    np.testing.assert_allclose(t["DENSE"] @ (c[:, None] ** np.arange(1, 6)), np.eye(5), atol=1e-12)
+    z = 1e7  # stiffly accurate, so L-stable
+    assert abs(1 - z * (A[4] @ np.linalg.solve(np.eye(5) + z * A, np.ones(5)))) < 1e-5
+
+
+def test_radau9s_error_estimate_vanishes_up_to_order_5():
+    """f0 + GAMMA/h sum E_i Z_i, the increments being those of y' = t^(k-1): zero for k <= 5."""
+    t = arrays("radau9_tableau.h")
+    c = t["C"]
+    for k in range(1, 7):
+        rest = (1.0 if k == 1 else 0.0) + t["GAMMA"] * (t["E"] @ (c**k / k))
+        assert (abs(rest) < 1e-12) == (k <= 5), k

@@ -27,6 +27,7 @@ void ts_place(ts_sim *sim, int i, int piece)
     }
     sim->guard[i] = 2.0 * DBL_EPSILON * size;
     if (piece == 0 || m->damping_law != TS_TENSION_ONLY) sim->clipped[i] = 0;
+    ts_bear(sim, i);
 }
 
 /* Untrimmed tension: positive where spring and damper together pull. */
@@ -169,7 +170,8 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
         int i = w % S;
         if (w >= S && !clips(sim, i)) continue;
         int crossed = excess(sim, w, sim->gap1[i], sim->rate1[i]) > 0.0;
-        int doubtful = sim->outside[i] || (w < S && may_graze(sim, i, h));
+        int left = sim->gap_low[i] < sim->lo[i] || sim->gap_high[i] > sim->hi[i] || sim->sign_changed[i]; /* at some stage */
+        int doubtful = left || (w < S && may_graze(sim, i, h));
         if (!crossed && !doubtful) continue;
         if (!sim->dense_ready) {
             method->densify(sim, tau, h);
@@ -217,5 +219,16 @@ void ts_switch(ts_sim *sim, double tau, int which)
         if (i + S == which) sim->clipped[i] = !sim->clipped[i];
         else if (clips(sim, i) && sim->piece[i] == 1 && !sim->clipped[i])
             sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    }
+}
+
+/* Pieces by the elongations as they stand, where transitions are no longer located. */
+void ts_catch_up(ts_sim *sim, double tau)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        double gap, rate, scale;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        if (excess(sim, i, gap, rate) > 0.0) change_piece(sim, tau, i, ts_curve_piece(sim->curve + i, gap));
+        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
     }
 }

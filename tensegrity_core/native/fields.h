@@ -17,7 +17,7 @@ enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
     X(TS_NSH_ZETA, TS_ROLE_FIXED, TS_Z, -1) /* 1: shape parameter of a beam, eq. 11 */ \
     X(TS_NSH_H, TS_ROLE_FIXED, TS_Z, -1) /* m: height of a beam's arch, eq. 11 */ \
     X(TS_TOLERANCE, TS_ROLE_FIXED, -1, -1) /* 1: error per step: relative, and absolute in m and m/s */ \
-    X(TS_MAX_STEP, TS_ROLE_FIXED, -1, -1) /* s: largest step of the integrator; 0: no limit */ \
+    X(TS_MAX_STEP, TS_ROLE_FIXED, -1, -1) /* s: largest step of the integrator, 0: no limit; the step of rk4 and ros2, 0: 1 ms */ \
     X(TS_POSITION, TS_ROLE_OUTPUT, TS_N, TS_D) /* m: node positions */ \
     X(TS_VELOCITY, TS_ROLE_OUTPUT, TS_F, TS_D) /* m/s: velocities of the free nodes */ \
     X(TS_STRING_FORCE, TS_ROLE_OUTPUT, TS_S, -1) /* N: tension, elastic and damping */ \
@@ -42,7 +42,7 @@ enum { TS_FIELDS(TS_NAME) TS_FIELD_COUNT };
 enum { TS_INT_FIELDS(TS_NAME) TS_INT_FIELD_COUNT };
 #undef TS_NAME
 
-enum { TS_METHOD_AUTO, TS_METHOD_DOP853, TS_METHOD_RODAS5P, TS_METHOD_COUNT };
+enum { TS_METHOD_AUTO, TS_METHOD_DOP853, TS_METHOD_RODAS5P, TS_METHOD_RADAU9, TS_METHOD_RK4, TS_METHOD_ROS2, TS_METHOD_COUNT };
 enum { TS_LITERAL, TS_TENSION_ONLY };
 
 #endif

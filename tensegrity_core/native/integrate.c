@@ -1,4 +1,4 @@
-/* The stepping loop: step size control, transitions, choice of method. */
+/* The stepping loop: step size control, transitions, choice of method, steps that end past the communication point. */
 #include "internal.h"
 
 #include <float.h>
@@ -7,10 +7,13 @@
 
 #define SAFETY 0.9
 #define SHRINK 0.2     /* smallest factor of the step after a rejection */
-#define CALM_SIGNS 3   /* steps after which it returns */
-#define MAX_PATIENCE 1000
+#define ROUND_OFF (8.0 * DBL_EPSILON)
+#define FIXED_STEP 1e-3 /* s, where none is given */
 
-static const ts_method *const methods[] = {NULL, &ts_dop853, &ts_rodas5p}; /* by TS_METHOD_*; auto picks among them */
+static const ts_method *const methods[TS_METHOD_COUNT] = {
+    [TS_METHOD_DOP853] = &ts_dop853, [TS_METHOD_RODAS5P] = &ts_rodas5p, [TS_METHOD_RADAU9] = &ts_radau9,
+    [TS_METHOD_RK4] = &ts_rk4, [TS_METHOD_ROS2] = &ts_ros2,
+};
 
 static int fail(ts_sim *sim, int status)
 {
@@ -30,8 +33,7 @@ static double first_step(ts_sim *sim, const ts_method *method, double tau, doubl
     double tolerance = sim->values[sim->m.at[TS_TOLERANCE]];
     double d1 = ts_error_norm(sim, sim->f0, sim->y, sim->y) * tolerance; /* per second, relative to 1 + |y| */
     double h0 = d1 > 1e-5 ? fmin(0.01 / d1, most) : fmin(1e-6, most);
-    for (int i = 0; i < ny; i++) sim->ytmp[i] = sim->y[i] + h0 * sim->f0[i];
-    memcpy(sim->y1, sim->ytmp, sizeof(double) * (size_t)ny);
+    for (int i = 0; i < ny; i++) sim->y1[i] = sim->y[i] + h0 * sim->f0[i];
     ts_rhs(sim, tau + h0, sim->y1, sim->f1);
     for (int i = 0; i < ny; i++) sim->err[i] = sim->f1[i] - sim->f0[i];
     double d2 = ts_error_norm(sim, sim->err, sim->y, sim->y) * tolerance / h0, d = fmax(d1, d2);
@@ -40,166 +42,247 @@ static double first_step(ts_sim *sim, const ts_method *method, double tau, doubl
     return h > 0.0 ? fmin(h, most) : most; /* NaN: the error test will see it */
 }
 
-/* Bound of the fastest rate of the linearised system from the Jacobian at hand (1/s). */
-static double fastest_rate(const ts_sim *sim)
+static void make_dense(ts_sim *sim, const ts_method *method, double tau, double h)
 {
-    int nq = sim->m.nq;
-    double velocity = 0.0, position = 0.0;
-    for (int i = 0; i < nq; i++) {
-        double v = 0.0, q = 0.0;
-        for (int j = 0; j < nq; j++) {
-            v += fabs(sim->Jv[i * nq + j]);
-            q += fabs(sim->Jq[i * nq + j]);
-        }
-        velocity = fmax(velocity, v);
-        position = fmax(position, q);
-    }
-    return fmax(velocity, sqrt(position));
+    if (!sim->dense_ready) method->densify(sim, tau, h);
+    sim->dense_ready = 1;
 }
 
-/* `auto`: leave the explicit method when stability limits its step, return when the L-stable one takes no larger steps. */
-static void choose_method(ts_sim *sim, double h)
-{
-    ts_memory *memory = &sim->memory;
-    if (sim->integers[sim->m.int_at[TS_INT_METHOD]] != TS_METHOD_AUTO) return;
-    if (memory->active == TS_METHOD_DOP853) {
-        if (memory->stiff < memory->patience) return;
-        memory->active = TS_METHOD_RODAS5P;
-        memory->stiff = 0;
-    } else {
-        memory->stiff = h * fastest_rate(sim) < 8.0 ? memory->stiff + 1 : 0;
-        if (memory->stiff < CALM_SIGNS) return;
-        memory->active = TS_METHOD_DOP853;
-        memory->stiff = 0;
-        memory->patience = memory->patience * 2 > MAX_PATIENCE ? MAX_PATIENCE : memory->patience * 2;
-    }
-}
-
-/* Integrals of the ledger over the accepted part of a step whose stages did not carry them: Gauss points of dense output. */
-static void integrate_ledger(ts_sim *sim, const ts_method *method, double tau, double h, double theta, double *ledger)
+/* Integrals of the ledger up to theta of a step whose stages did not carry them: Gauss points of dense output. */
+static void integrate_ledger(ts_sim *sim, const ts_method *method, const ts_span *span, double theta, double *ledger)
 {
     static const double node[3] = {0.1127016653792583, 0.5, 0.8872983346207417};
     static const double weight[3] = {5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0};
     int n = 2 * sim->m.nq;
-    if (!sim->dense_ready) method->densify(sim, tau, h);
-    sim->dense_ready = 1;
-    for (int k = 0; k < TS_LEDGER; k++) ledger[k] = sim->y[n + k];
+    for (int k = 0; k < TS_LEDGER; k++) ledger[k] = sim->cont[n + k];
     for (int g = 0; g < 3; g++) {
         double p[TS_LEDGER], at = theta * node[g];
         method->interpolate(sim, at, 0, n, sim->err);
-        ts_power(sim, tau + at * h, sim->err, p);
-        for (int k = 0; k < TS_LEDGER; k++) ledger[k] += weight[g] * theta * h * p[k];
+        ts_power(sim, span->start + at * span->h, sim->err, p);
+        for (int k = 0; k < TS_LEDGER; k++) ledger[k] += weight[g] * theta * span->h * p[k];
     }
 }
 
-static void remember_gaps(ts_sim *sim)
+/* What the ledger gets from differences instead of integrals: the work of the external forces, constant over the step, and
+ * the energy of clipped strings, whose dampers take all that their springs give. */
+static void settle_ledger(ts_sim *sim, const ts_span *span, double theta)
 {
-    size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
-    memcpy(sim->gap0, sim->gap, bytes);
-    memcpy(sim->rate0, sim->gap_rate, bytes);
+    int nq = sim->m.nq;
+    double *ledger = sim->y + 2 * nq, clipped = span->clipped;
+    for (int i = 0; i < nq; i++) {
+        double work = sim->Qf[i] * (sim->y[i] - sim->cont[i]);
+        ledger[1] += work;
+        ledger[2] += fabs(work);
+    }
+    if (sim->m.damping_law != TS_TENSION_ONLY) return;
+    clipped -= ts_clipped_energy(sim, span->start + theta * span->h);
+    ledger[0] += clipped;
+    ledger[2] += fabs(clipped);
+}
+
+/* Put the state at theta of the open step. */
+static void state_at(ts_sim *sim, const ts_span *span, double theta)
+{
+    const ts_method *method = methods[span->method];
+    int n = 2 * sim->m.nq, in_stages = method->flags & TS_LEDGER_IN_STAGES;
+    make_dense(sim, method, span->start, span->h);
+    method->interpolate(sim, theta, 0, in_stages ? sim->m.ny : n, sim->ytmp);
+    if (!in_stages) integrate_ledger(sim, method, span, theta, sim->ytmp + n);
+    memcpy(sim->y, sim->ytmp, sizeof(double) * (size_t)sim->m.ny);
+    ts_project(sim, sim->y);
+    settle_ledger(sim, span, theta);
+}
+
+static void to_the_end(ts_sim *sim, const ts_span *span)
+{
+    const ts_method *method = methods[span->method];
+    if (!(method->flags & TS_LEDGER_IN_STAGES)) {
+        make_dense(sim, method, span->start, span->h);
+        integrate_ledger(sim, method, span, 1.0, sim->y1 + 2 * sim->m.nq);
+    }
+    memcpy(sim->y, sim->y1, sizeof(double) * (size_t)sim->m.ny);
+    settle_ledger(sim, span, 1.0);
 }
 
 /* Derivative at (tau, y) under the present pieces. */
 static void restart(ts_sim *sim, double tau)
 {
+    size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_rhs(sim, tau, sim->y, sim->f0);
-    remember_gaps(sim);
+    memcpy(sim->gap0, sim->gap, bytes);
+    memcpy(sim->rate0, sim->gap_rate, bytes);
     sim->jacobian_ready = 0;
+    sim->joined = 0.0;
 }
 
-/* Move the state to theta of the accepted step; returns the time passed.  A clipped string bears no tension: its damper
- * takes all that its spring gives, so the energy lost is a difference and needs no quadrature. */
-static double move(ts_sim *sim, const ts_method *method, double tau, double h, double theta)
-{
-    int ny = sim->m.ny, n = 2 * sim->m.nq;
-    double ledger[TS_LEDGER], clipped = ts_clipped_energy(sim, tau);
-    if (!method->ledger_in_stages) integrate_ledger(sim, method, tau, h, theta, ledger);
-    if (theta < 1.0) {
-        method->interpolate(sim, theta, 0, method->ledger_in_stages ? ny : n, sim->ytmp);
-        ts_project(sim, sim->ytmp);
-        memcpy(sim->y, sim->ytmp, sizeof(double) * (size_t)ny);
-    } else {
-        memcpy(sim->y, sim->y1, sizeof(double) * (size_t)ny);
-    }
-    if (!method->ledger_in_stages) memcpy(sim->y + n, ledger, sizeof ledger);
-    clipped -= ts_clipped_energy(sim, tau + theta * h);
-    sim->y[n] += clipped;
-    sim->y[n + 2] += fabs(clipped);
-    sim->jacobian_ready = 0;
-    return theta * h;
-}
-
-/* After an accepted step: find its first transition, move there or to its end.  Returns the time passed. */
-static double finish_step(ts_sim *sim, const ts_method *method, double tau, double h, int *which)
+/* An attempt succeeded: find its first transition; the step is open then. */
+static void open_span(ts_sim *sim, const ts_method *method, double tau, double h, int locate)
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
+    ts_span *span = &sim->memory.span;
     ts_project(sim, sim->y1);
     method->accept(sim, tau, h);
     memcpy(sim->gap1, sim->gap, bytes);
     memcpy(sim->rate1, sim->gap_rate, bytes);
+    memcpy(sim->cont, sim->y, sizeof(double) * (size_t)sim->m.stride);
     sim->dense_ready = 0;
-    *which = -1;
-    double theta = ts_first_transition(sim, method, tau, h, which);
-    if (theta >= 0.0) return move(sim, method, tau, h, theta);
-    move(sim, method, tau, h, 1.0);
-    memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.ny);
+    sim->joined = 0.0;
+    if (method->flags & TS_ALWAYS_DENSE) make_dense(sim, method, tau, h);
+    int which = -1;
+    double theta = locate ? ts_first_transition(sim, method, tau, h, &which) : -1.0;
+    *span = (ts_span){tau, h, theta >= 0.0 ? theta : 1.0, ts_clipped_energy(sim, tau), which, sim->memory.active};
+}
+
+/* Go to where the open step ends or its first transition is.  Returns whether there was one. */
+static int close_span(ts_sim *sim, double tau)
+{
+    size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
+    ts_span span = sim->memory.span;
+    sim->memory.span.h = 0.0;
+    sim->jacobian_ready = 0;
+    if (span.which >= 0) {
+        state_at(sim, &span, span.reach);
+        sim->memory.stats[TS_RESTARTS]++;
+        ts_switch(sim, tau, span.which);
+        restart(sim, tau);
+        return 1;
+    }
+    to_the_end(sim, &span);
+    memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.stride);
     memcpy(sim->gap0, sim->gap1, bytes);
     memcpy(sim->rate0, sim->rate1, bytes);
+    return 0;
+}
+
+static double span_end(const ts_span *span) { return span->start + span->reach * span->h; }
+
+/* A step left open by the last call: 1 if it serves this whole call, too; else go to its end. */
+static int use_open_span(ts_sim *sim, double end, double *tau)
+{
+    ts_span *span = &sim->memory.span;
+    if (!(span->h > 0.0)) {
+        restart(sim, 0.0);
+        return 0;
+    }
+    sim->dense_ready = 1;
+    if (span_end(span) > end * (1.0 + ROUND_OFF)) {
+        state_at(sim, span, (end - span->start) / span->h);
+        span->start -= end;
+        return 1;
+    }
+    *tau = fmin(span_end(span), end);
+    close_span(sim, *tau);
+    return 0;
+}
+
+/* The step to try: what the controller proposes, or the rest of a fixed grid's interval. */
+typedef struct {
+    double end, longest;
+    int ahead;       /* steps may end past `end` */
+    int64_t grid, n; /* fixed steps: how many, and the present one; time is derived from them */
+    int splits;      /* transitions located in the present one */
+} plan;
+
+static double grid_point(const plan *p, int64_t n) { return n >= p->grid ? p->end : p->end * (double)n / (double)p->grid; }
+
+static double next_step(const ts_sim *sim, const ts_method *method, plan *p, double tau, int *last)
+{
+    if (method->flags & TS_FIXED_STEP) {
+        while (p->n < p->grid && grid_point(p, p->n + 1) <= tau * (1.0 + ROUND_OFF)) p->n++, p->splits = 0;
+        *last = p->n + 1 >= p->grid;
+        return grid_point(p, p->n + 1) - tau;
+    }
+    double left = p->end - tau, h = fmin(sim->memory.h_next, p->longest);
+    *last = !p->ahead && h >= left * (1.0 - 1e-12);
+    if (*last) h = left;
+    else if (!p->ahead && h > 0.5 * left) h = 0.5 * left; /* two even steps rather than a long and a short one */
     return h;
 }
 
-/* Advance from tau = 0 to `end` under fixed inputs.  The pieces are placed, Qf, Qg and inv prepared. */
-int ts_integrate(ts_sim *sim, double end)
+static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
+{
+    const ts_method *method = methods[sim->memory.active];
+    double longest = sim->values[sim->m.at[TS_MAX_STEP]];
+    int fixed = (method->flags & TS_FIXED_STEP) != 0;
+    if (!(longest > 0.0)) longest = fixed ? FIXED_STEP : INFINITY;
+    plan p = {end, longest, may_run_ahead && !(method->flags & (TS_FIXED_STEP | TS_CLIPPED)), 1, 0, 0};
+    if (fixed) p.grid = (int64_t)fmin(fmax(ceil(end / longest * (1.0 - 1e-9)), 1.0), 4.0 * TS_MAX_STEPS);
+    return p;
+}
+
+/* Try a step; 1 if it may stand.  The controller's next proposal stands in memory.h_next. */
+static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, int last, int *rejected)
 {
     ts_memory *memory = &sim->memory;
-    double tau = 0.0, longest = sim->values[sim->m.at[TS_MAX_STEP]];
-    int stuck = 0, fresh = memory->h_next <= 0.0, rejected = 0;
-    if (!(longest > 0.0)) longest = INFINITY;
-    restart(sim, 0.0);
+    memset(sim->sign_changed, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
+    memcpy(sim->gap_low, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
+    memcpy(sim->gap_high, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
+    sim->shrink = 0.1;
+    sim->growth = method->growth;
+    double err = method->attempt(sim, tau, h);
+    if (!(err <= 1.0)) {
+        memory->stats[TS_REJECTED]++;
+        memory->h_next = h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : sim->shrink);
+        *rejected = 1;
+        return 0;
+    }
+    double grow = err > 0.0 ? fmin(sim->growth, SAFETY * pow(err, -method->exponent)) : sim->growth;
+    if (*rejected && grow > 1.0) grow = 1.0;
+    *rejected = 0;
+    if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
+    memory->stats[TS_STEPS]++;
+    memory->stats[TS_IMPLICIT_STEPS] += (method->flags & TS_IMPLICIT) != 0;
+    return 1;
+}
+
+/* Advance from tau = 0 to `end` under fixed inputs.  The pieces are placed, Qf, Qg and inv prepared. */
+int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
+{
+    ts_memory *memory = &sim->memory;
+    double tau = 0.0;
+    int stuck = 0, rejected = 0;
+    plan p = make_plan(sim, end, may_run_ahead);
+    if (use_open_span(sim, end, &tau)) return TS_OK;
     for (int i = 0; i < 2 * sim->m.nq; i++)
         if (!isfinite(sim->f0[i])) return fail(sim, TS_NOT_FINITE);
     for (int n = 0; tau < end; n++) {
+        int last;
         if (n >= TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
-        double left = end - tau, h, most = fmin(left, longest);
-        if (fresh) memory->h_next = first_step(sim, method, tau, memory->h_last > 0.0 ? fmin(most, 4.0 * memory->h_last) : most);
-        fresh = 0;
-        h = fmin(memory->h_next, longest);
-        int last = h >= left * (1.0 - 1e-12);
-        if (last) h = left;
-        else if (h > 0.5 * left) h = 0.5 * left; /* two even steps rather than a long and a short one */
+        int fixed = (method->flags & TS_FIXED_STEP) != 0;
+        if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, fmin(end - tau, p.longest));
+        double h = next_step(sim, method, &p, tau, &last);
         if (!(h > 4.0 * DBL_EPSILON * (tau + h)) || !(h > DBL_MIN)) return fail(sim, TS_STEP_TOO_SMALL);
-        memset(sim->outside, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
-        double err = method->attempt(sim, tau, h);
-        if (!(err <= 1.0)) {
-            memory->stats[TS_REJECTED]++;
-            memory->h_next = h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : 0.1);
-            rejected = 1;
+        if (!try_step(sim, method, tau, h, last, &rejected)) {
+            if (fixed) return fail(sim, TS_NOT_FINITE);
             continue;
         }
-        double grow = err > 0.0 ? fmin(method->growth, SAFETY * pow(err, -method->exponent)) : method->growth;
-        if (rejected && grow > 1.0) grow = 1.0;
-        rejected = 0;
-        int which;
-        double passed = finish_step(sim, method, tau, h, &which);
-        memory->stats[TS_STEPS]++;
-        memory->stats[TS_IMPLICIT_STEPS] += method->implicit;
-        if (which < 0) {
-            tau = last ? end : tau + passed;
-            if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
-            choose_method(sim, h);
+        int locate = !sim->unlocated && (!method->splits || p.splits < method->splits);
+        open_span(sim, method, tau, h, locate);
+        double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
+        if (reached > end * (1.0 + ROUND_OFF)) {
+            state_at(sim, &memory->span, (end - tau) / h);
+            memory->span.start -= end;
+            return TS_OK;
+        }
+        if (end - reached <= ROUND_OFF * end) reached = end; /* no step fits between a transition and the end */
+        if (close_span(sim, reached)) {
+            ts_review_restart(sim, reached);
+            stuck = reached > tau ? 0 : stuck + 1;
+            p.splits++;
+            if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, TS_CHATTERING);
+        } else {
             stuck = 0;
-            continue;
+            if (!locate && !sim->unlocated) {
+                ts_catch_up(sim, reached);
+                restart(sim, reached);
+            }
+            ts_review_method(sim, h);
         }
-        stuck = tau + passed > tau ? 0 : stuck + 1;
-        tau += passed;
-        if (end - tau <= 8.0 * DBL_EPSILON * end) tau = end; /* no step fits between the transition and the end */
-        if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, TS_CHATTERING);
-        memory->stats[TS_RESTARTS]++;
-        memory->h_last = h;
-        ts_switch(sim, tau, which);
-        restart(sim, tau);
-        fresh = 1;
+        tau = reached;
     }
     return TS_OK;
 }
+
+/* Inputs change: the state at the communication point is the one to go on from. */
+void ts_close_span(ts_sim *sim) { sim->memory.span.h = 0.0; }

@@ -6,12 +6,14 @@
 #ifndef TENSEGRITY_INTERNAL_H
 #define TENSEGRITY_INTERNAL_H
 
+#include "blocks.h"
+#include "complex_blocks.h"
 #include "fields.h"
 #include "tensegrity.h"
 
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
 #define TS_MAX_STEPS 2000000      /* per call of ts_step */
-#define TS_MAX_BARS 5000          /* dense matrices of int-sized index */
+#define TS_LANES 4                /* arrays that are worked on in one go are padded to a multiple of it */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
 #define TS_DEGREE 7               /* of the polynomials of an NSH's force curve */
 #define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
@@ -21,6 +23,11 @@ typedef struct {
     int32_t block;
     double kappa; /* s = s0 + sum kappa * block; the generalised force of tension T on the block is -kappa T s/xi */
 } ts_term;
+
+/* Where a bar's coordinates are: the block of a pinned bar's vector, or of a free bar's centre, its vector the next. */
+typedef struct {
+    int32_t block, first, second; /* block; nodes, the second being the tip of a pinned bar */
+} ts_place_of_bar;
 
 /* Force curve of an NSH: pieces of polynomials in the elongation. */
 typedef struct {
@@ -40,6 +47,8 @@ typedef struct {
     int32_t at[TS_FIELD_COUNT];     /* first index of each field in the block of doubles */
     int32_t int_at[TS_INT_FIELD_COUNT];
     int32_t blocks, nq, ny;         /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
+    int32_t lanes, stride;          /* strings and ny, padded to a multiple of TS_LANES */
+    int32_t pinned_count, floating_count; /* bars of each kind */
     int32_t z_axis;                 /* local axis that is z, or -1 */
     int32_t damping_law;            /* 0 literal, 1 tension_only */
     uint64_t hash;                  /* of the packed model */
@@ -48,12 +57,16 @@ typedef struct {
     const int32_t *fixed;           /* (N) */
     const int32_t *beams;           /* (S) beams of the string's NSH, 0: none */
     int32_t *beam_first;            /* (S) first of them among the Z */
+    int32_t *curved;                /* (H) strings that carry an NSH */
+    ts_place_of_bar *pinned;        /* (pinned_count) */
+    ts_place_of_bar *floating;      /* (floating_count) */
     int32_t *free_index;            /* (N) place among the free nodes; -1 - place among the fixed ones */
     int32_t *bar_block;             /* (B) block of b or c */
     int32_t *bar_centre;            /* (B) block of r, or -1 where pinned */
     int32_t *bar_base;              /* (B) fixed node of a pinned bar, or -1 */
     int32_t *block_bar;             /* (blocks) bar */
     int32_t *block_turns;           /* (blocks) 1: a bar vector of constant length, 0: a centre */
+    double *block_length;           /* (blocks) length of a bar vector, m */
     int32_t *node_block;            /* (N) block of the bar vector, or -1 */
     int32_t *node_centre;           /* (N) block of the centre, or -1 */
     double *node_coef;              /* (N) 1: tip, +-1/2: end of a free bar */
@@ -61,18 +74,31 @@ typedef struct {
     double *bar_length;             /* (B) m */
     int32_t *term_count;            /* (S) */
     ts_term *term;                  /* (S, 4) */
+    int32_t *own_place;             /* (blocks) first entry of the Jacobian's diagonal block */
+    int32_t *term_place;            /* (S, 4, 4) first entry of the Jacobian's block for each pair of terms */
     double *s0;                     /* (S, D) constant part of the string vector, m */
     const double *start;            /* packed defaults of the doubles, inputs and parameters only */
     double *y_start;                /* (ny) */
     int32_t method_start;
 } ts_model;
 
+/* The step at hand.  While inputs stay, the last step of a call may end past its communication point: outputs there, and the
+ * calls that follow, then come from its dense output until its end, or its first transition, is reached. */
+typedef struct {
+    double start;    /* s after the last communication point, not positive once the step has been left open */
+    double h;        /* s; 0: no step is open */
+    double reach;    /* part of it that holds: 1, or where the transition is */
+    double clipped;  /* energy of clipped strings at its start, J */
+    int32_t which;   /* watch that crosses there, see events.c; -1: none */
+    int32_t method;
+} ts_span;
+
 /* What a saved state holds besides the two blocks: everything that the next step depends on. */
 typedef struct {
     double time;     /* s, at the last communication point */
     double time_low; /* s, what rounding took from it so far */
     double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
-    double h_last;   /* s, what it proposed before it had to start afresh; 0: nothing */
+    ts_span span;
     int32_t active;   /* method in use */
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
     int32_t patience; /* how many of them make `auto` leave the explicit method */
@@ -105,48 +131,77 @@ struct ts_sim {
     double *inv;  /* (blocks) inverse inertia, 1/kg */
     double *lo, *hi; /* (S) ends of the present piece, m */
     double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
-    int32_t *outside; /* (S) set by the right-hand side when a string was out of its piece */
+    double *rest, *rest_rate; /* (lanes) m, m/s */
+    double *k_on, *d_on; /* (lanes) N/m, N s/m on the present piece; k_on: of straight force curves */
+    int32_t rest_moves;  /* some rest_rate is not zero */
+    int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
+
+    /* of the last right-hand side: what it found about the strings */
+    double *x, *xd;          /* (N, D) node positions and velocities, m, m/s */
+    double *s, *sd;          /* (D, lanes) string vectors and their rates, m, m/s */
+    double *over;            /* (lanes) 1/length, 1/m */
+    double *gap, *gap_rate;  /* (lanes) elongation and its rate, m, m/s */
+    double *fs, *fd;         /* (lanes) elastic and damping tension, N */
+    double *node_force;      /* (N, D) N */
+    double *gap_low, *gap_high; /* (lanes) extremes of the elongation since the attempt began, m */
+    int32_t *sign_changed;      /* (S) tension_only: a stage saw the tension with the other sign */
 
     /* workspace */
-    double *gap, *gap_rate;     /* (S) elongation and its rate at the last right-hand side */
-    double *gap0, *rate0, *gap1, *rate1; /* (S) at the two ends of a step */
-    double *y1, *f0, *f1, *ytmp, *err; /* (ny) */
-    double *k;      /* (16, ny) stages */
-    double *cont;   /* (8, ny) dense output */
-    double *Jq, *Jv, *W; /* (nq, nq) */
-    double *ft, *lin; /* (nq), (4 nq) */
-    int32_t *pivot; /* (nq) */
+    double *gap0, *rate0;        /* (S) at the start of a step */
+    double *f0, *ytmp, *err;     /* (stride) */
+    double *k;                   /* (16, stride) stages */
+    double *ahead;               /* what an open step needs, in one piece: */
+    double *cont;                /*   (8, stride) dense output; row 0: the state at the step's start */
+    double *y1, *f1;             /*   (stride) its end, and the derivative there */
+    double *gap1, *rate1;        /*   (lanes) */
+    double *ahead_backup;
+    size_t ahead_size;           /* numbers */
+    ts_pattern pattern;          /* of the Jacobian's blocks */
+    double *Jq, *Jv;             /* (pattern.blocks, D, D) */
+    double *factor;              /* of a^2 I - a Jv - Jq */
+    double *pair_factor[2];      /* of the same with the two complex values of a that Radau IIA needs */
+    double *ft, *lin;            /* (nq), (6 nq) */
     double *backup;       /* (n_real + n_applied + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
-    double *node_force; /* (N, D) */
+    double joined;          /* h of the step that ended where the present one starts, its dense output at hand; or 0 */
+    double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
     int32_t dense_ready;    /* densify() has been called for the step at hand */
     int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
     ts_transition *transitions;
     int64_t transition_count;
     char message[256];
-    void *arena; /* one allocation behind all of the above */
+    double *matrices; /* allocation behind Jq, Jv, factor */
+    void *arena;      /* allocation behind everything else */
     void *blob;
 };
 
-/* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, a row in methods.c, a
- * name in fields.py. */
+enum {
+    TS_IMPLICIT = 1,         /* linearly implicit: uses the Jacobian */
+    TS_FIXED_STEP = 2,       /* takes the step it is given */
+    TS_ALWAYS_DENSE = 8,     /* its dense output is used anyway, to start the next step */
+    TS_CLIPPED = 16,         /* dense output is weaker than the step: no step passes a communication point */
+    TS_LEDGER_IN_STAGES = 4, /* the ledger's integrals are among the stages; else the driver integrates the dense output */
+};
+
+/* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, a name in fields.py, a
+ * row in `methods` of integrate.c. */
 typedef struct {
     const char *name;
     double exponent;    /* of the error in the step size control */
     double growth;      /* largest growth of the step */
-    int implicit;
+    int flags;
+    int splits;         /* transitions located in one step at most; 0: all */
     /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
     double (*attempt)(ts_sim *sim, double tau, double h);
-    /* after acceptance: y1 has been put on the constraint; prepare dense output and f1 if the method carries it on */
+    /* after acceptance: y1 has been put on the constraint; leave the derivative there in f1 */
     void (*accept)(ts_sim *sim, double tau, double h);
-    /* further stages that dense output needs, done only when it is asked for */
+    /* dense output in rows 1.. of cont, row 0 being the step's start; only called when it is asked for */
     void (*densify)(ts_sim *sim, double tau, double h);
-    /* components first..first+count-1 of y at tau + theta h */
+    /* components first..first+count-1 of y at tau + theta h, from cont alone */
     void (*interpolate)(const ts_sim *sim, double theta, int first, int count, double *out);
-    int ledger_in_stages; /* the ledger's integrals are among the stages; else the driver integrates the dense output */
 } ts_method;
 
-extern const ts_method ts_dop853, ts_rodas5p;
+extern const ts_method ts_dop853, ts_rodas5p, ts_rk4, ts_ros2, ts_radau9;
 
 /* nsh.c */
 int ts_curve_build(ts_curve *c, int n, const double *Q, const double *zeta, const double *h);
@@ -158,23 +213,37 @@ int ts_curve_piece(const ts_curve *c, double x);
 /* model.c */
 uint64_t ts_fnv(const void *bytes, size_t size);
 int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity);
+void ts_model_free(ts_sim *sim);
 
 /* motion.c */
 void ts_prepare(ts_sim *sim);
+void ts_bear(ts_sim *sim, int string);
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy);
-void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y);
+void ts_forces(ts_sim *sim, double tau, const double *y, double *Q);
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]);
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int string, double *gap, double *rate);
 double ts_tension(const ts_sim *sim, int string, double gap, double rate, double *elastic);
 void ts_project(const ts_sim *sim, double *y);
 void ts_project_block(const ts_sim *sim, double *y, int block);
+void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n, double *n2);
 double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1);
+
+/* jacobian.c */
+void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y);
+void ts_damping_jacobian(ts_sim *sim, double tau, const double *y);
+
+/* linear.c */
+int ts_stage_factorise(ts_sim *sim, double a);
+void ts_stage_solve(ts_sim *sim, double a, double *U);
+int ts_pair_factorise(ts_sim *sim, int which, double a, double b);
+void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, double *Ui);
 
 /* events.c */
 void ts_place(ts_sim *sim, int string, int piece);
 void ts_place_all(ts_sim *sim);
 double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which);
 void ts_switch(ts_sim *sim, double tau, int which);
+void ts_catch_up(ts_sim *sim, double tau);
 
 /* outputs.c */
 void ts_outputs(ts_sim *sim, double tau);
@@ -182,10 +251,11 @@ double ts_stored_energy(const ts_sim *sim, double tau);
 double ts_clipped_energy(const ts_sim *sim, double tau);
 
 /* integrate.c */
-int ts_integrate(ts_sim *sim, double h);
+int ts_integrate(ts_sim *sim, double h, int may_run_ahead);
+void ts_close_span(ts_sim *sim);
 
-/* linalg.c */
-int ts_lu(int n, double *A, int32_t *pivot);
-void ts_lu_solve(int n, const double *LU, const int32_t *pivot, double *b);
+/* auto.c */
+void ts_review_method(ts_sim *sim, double h);
+void ts_review_restart(ts_sim *sim, double tau);
 
 #endif

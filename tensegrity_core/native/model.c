@@ -69,24 +69,38 @@ static void lay_out_arena(ts_sim *sim, arena *a)
 {
     ts_model *m = &sim->m;
     int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], D = m->count[TS_D], nq = m->nq, ny = m->ny;
+    size_t stride = (size_t)m->stride, lanes = (size_t)m->lanes;
     TAKE(m->beam_first, S), TAKE(m->free_index, N);
     TAKE(m->bar_block, B), TAKE(m->bar_centre, B), TAKE(m->bar_base, B);
     TAKE(m->block_bar, m->blocks), TAKE(m->block_turns, m->blocks);
     TAKE(m->node_block, N), TAKE(m->node_centre, N), TAKE(m->node_coef, N), TAKE(m->anchor, N * D);
-    TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->s0, S * D), TAKE(m->y_start, ny);
+    TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
+    TAKE(m->y_start, m->stride), TAKE(m->curved, m->count[TS_H]), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
+    TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
     TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->curve_key, 3 * m->count[TS_Z]);
-    TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, ny);
+    TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, stride);
     TAKE(sim->integers, m->n_int), TAKE(sim->piece, S), TAKE(sim->clipped, S);
     TAKE(sim->Qf, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
-    TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->outside, S);
-    TAKE(sim->gap, S), TAKE(sim->gap_rate, S);
-    TAKE(sim->gap0, S), TAKE(sim->rate0, S), TAKE(sim->gap1, S), TAKE(sim->rate1, S);
-    TAKE(sim->y1, ny), TAKE(sim->f0, ny), TAKE(sim->f1, ny), TAKE(sim->ytmp, ny), TAKE(sim->err, ny);
-    TAKE(sim->k, 16 * ny), TAKE(sim->cont, 8 * ny);
-    TAKE(sim->Jq, (size_t)nq * nq), TAKE(sim->Jv, (size_t)nq * nq), TAKE(sim->W, (size_t)nq * nq);
-    TAKE(sim->ft, nq), TAKE(sim->lin, 4 * nq), TAKE(sim->pivot, nq);
+    TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->sign_changed, S);
+    TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
+    TAKE(sim->x, N * D), TAKE(sim->xd, N * D), TAKE(sim->s, D * lanes), TAKE(sim->sd, D * lanes), TAKE(sim->over, lanes);
+    TAKE(sim->gap, lanes), TAKE(sim->gap_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);
+    TAKE(sim->gap_low, lanes), TAKE(sim->gap_high, lanes), TAKE(sim->node_force, N * D);
+    TAKE(sim->gap0, lanes), TAKE(sim->rate0, lanes), TAKE(sim->f0, stride), TAKE(sim->ytmp, stride), TAKE(sim->err, stride);
+    TAKE(sim->k, 16 * stride), TAKE(sim->ahead, sim->ahead_size), TAKE(sim->ahead_backup, sim->ahead_size);
+    TAKE(sim->ft, nq), TAKE(sim->lin, 6 * nq);
     TAKE(sim->backup, m->n_real + sim->n_applied + ny), TAKE(sim->backup_ints, m->n_int + 2 * S);
-    TAKE(sim->node_force, N * D), TAKE(sim->transitions, TS_MAX_TRANSITIONS);
+    TAKE(sim->transitions, TS_MAX_TRANSITIONS);
+}
+
+static void share_ahead(ts_sim *sim)
+{
+    size_t stride = (size_t)sim->m.stride;
+    sim->cont = sim->ahead;
+    sim->y1 = sim->cont + 8 * stride;
+    sim->f1 = sim->y1 + stride;
+    sim->gap1 = sim->f1 + stride;
+    sim->rate1 = sim->gap1 + sim->m.lanes;
 }
 
 /* Check counts and indices, so that a damaged file cannot lead outside the arrays.  A reason, or NULL. */
@@ -106,6 +120,18 @@ static const char *check(const ts_model *m)
     if (fixed != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
     if (beams != m->count[TS_Z] || with != m->count[TS_H]) return "the beams do not add up";
     return NULL;
+}
+
+/* Bars by kind, for loops without a question in them. */
+static void list_bars(ts_model *m)
+{
+    int pinned = 0, floating = 0;
+    for (int i = 0; i < m->count[TS_B]; i++) {
+        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i];
+        if (base < 0) m->floating[floating++] = (ts_place_of_bar){m->bar_centre[i], first, second};
+        else m->pinned[pinned++] = (ts_place_of_bar){m->bar_block[i], base, base == first ? second : first};
+        m->block_length[m->bar_block[i]] = m->bar_length[i];
+    }
 }
 
 /* Blocks of the generalised coordinates, and each node's place in them. */
@@ -150,6 +176,7 @@ static const char *lay_out_bars(ts_model *m, const double *nodes)
     }
     for (int n = 0; n < N; n++)
         if (!m->fixed[n] && m->node_block[n] < 0) return "a free node has no bar";
+    list_bars(m);
     return NULL;
 }
 
@@ -169,7 +196,8 @@ static void add_node(ts_model *m, int string, int node, double sign)
 
 static void lay_out_strings(ts_model *m)
 {
-    for (int i = 0, beam = 0; i < m->count[TS_S]; i++) {
+    for (int i = 0, beam = 0, curved = 0; i < m->count[TS_S]; i++) {
+        if (m->beams[i]) m->curved[curved++] = i;
         add_node(m, i, m->strings[2 * i], -1.0);
         add_node(m, i, m->strings[2 * i + 1], 1.0);
         m->beam_first[i] = beam;
@@ -221,6 +249,64 @@ static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
     return NULL;
 }
 
+static int round_up(int n) { return (n + TS_LANES - 1) / TS_LANES * TS_LANES; }
+
+static void count_blocks(ts_sim *sim)
+{
+    ts_model *m = &sim->m;
+    m->pinned_count = 0;
+    for (int i = 0; i < m->count[TS_B]; i++) m->pinned_count += m->fixed[m->bars[2 * i]] || m->fixed[m->bars[2 * i + 1]];
+    m->floating_count = m->count[TS_B] - m->pinned_count;
+    m->blocks = m->pinned_count + 2 * m->floating_count;
+    m->nq = m->blocks * m->count[TS_D];
+    m->ny = 2 * m->nq + TS_LEDGER;
+    m->stride = round_up(m->ny);
+    m->lanes = round_up(m->count[TS_S]);
+    sim->ahead_size = 10 * (size_t)m->stride + 2 * (size_t)m->lanes;
+}
+
+/* The Jacobian's pattern: blocks that hang on one string are coupled. */
+static const char *lay_out_matrices(ts_sim *sim)
+{
+    ts_model *m = &sim->m;
+    size_t D = (size_t)m->count[TS_D], count = 0;
+    int32_t *couples = malloc(2 * sizeof *couples * (6 * (size_t)m->count[TS_S] + 1));
+    if (!couples) return "out of memory";
+    for (int i = 0; i < m->count[TS_S]; i++)
+        for (int a = 0; a < m->term_count[i]; a++)
+            for (int b = 0; b < a; b++, count++) {
+                couples[2 * count] = m->term[4 * i + a].block;
+                couples[2 * count + 1] = m->term[4 * i + b].block;
+            }
+    int made = ts_pattern_make(&sim->pattern, m->blocks, (int32_t)D, couples, count);
+    free(couples);
+    if (!made) return "out of memory";
+    size_t size = (size_t)sim->pattern.count * D * D;
+    size_t real = ts_pattern_factor_size(&sim->pattern), complex = ts_complex_factor_size(&sim->pattern);
+    sim->matrices = calloc(2 * size + real + 2 * complex + 1, sizeof(double));
+    if (!sim->matrices) return "out of memory";
+    sim->Jq = sim->matrices;
+    sim->Jv = sim->Jq + size;
+    sim->factor = sim->Jv + size;
+    sim->pair_factor[0] = sim->factor + real;
+    sim->pair_factor[1] = sim->pair_factor[0] + complex;
+    for (int i = 0; i < m->count[TS_S]; i++)
+        for (int a = 0; a < m->term_count[i]; a++)
+            for (int b = 0; b < m->term_count[i]; b++)
+                m->term_place[16 * i + 4 * a + b] =
+                    (int32_t)D * (int32_t)D * ts_pattern_find(&sim->pattern, m->term[4 * i + a].block, m->term[4 * i + b].block);
+    for (int b = 0; b < m->blocks; b++) m->own_place[b] = (int32_t)(D * D) * ts_pattern_find(&sim->pattern, b, b);
+    return NULL;
+}
+
+void ts_model_free(ts_sim *sim)
+{
+    ts_pattern_free(&sim->pattern);
+    free(sim->matrices);
+    free(sim->arena);
+    free(sim->blob);
+}
+
 int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity)
 {
     ts_model *m = &sim->m;
@@ -237,27 +323,28 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
         m->beams = m->strings + 2 * m->count[TS_S];
         m->start = nodes + 2 * N * D;
         reason = check(m);
-        if (!reason && m->count[TS_B] > TS_MAX_BARS) reason = "more bars than the dense Jacobian allows";
         if (!reason) {
-            m->blocks = 0;
-            for (int i = 0; i < m->count[TS_B]; i++)
-                m->blocks += m->fixed[m->bars[2 * i]] || m->fixed[m->bars[2 * i + 1]] ? 1 : 2;
-            m->nq = m->blocks * D;
-            m->ny = 2 * m->nq + TS_LEDGER;
+            count_blocks(sim);
             arena a = {NULL, 0};
             lay_out_arena(sim, &a);
             sim->arena = a.base = calloc(a.used + 16, 1);
             a.used = 0;
             if (!a.base) reason = "out of memory";
-            else lay_out_arena(sim, &a);
+            else {
+                lay_out_arena(sim, &a);
+                share_ahead(sim);
+            }
         }
         if (!reason) reason = lay_out_bars(m, nodes);
         if (!reason) {
             lay_out_strings(m);
+            memcpy(sim->x, m->anchor, sizeof(double) * (size_t)(N * D)); /* fixed nodes stay there */
             lay_out_velocity(m, nodes + N * D);
+            reason = lay_out_matrices(sim);
         }
     }
     if (!reason) return 1;
+    ts_model_free(sim);
     snprintf(message, capacity, "%s", reason);
     return 0;
 }

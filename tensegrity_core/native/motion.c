@@ -1,4 +1,4 @@
-/* Equations of motion, bar by bar, and their analytic Jacobian.
+/* Equations of motion, bar by bar.
  *
  * Bars of class-1 structures meet only through strings, so with the generalised force Q of a block
  *     centre of a free bar:   r'' = Q/m
@@ -7,25 +7,14 @@
  * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
  *
- * The state is y = [q, q', dissipated, input work, throughput].  Functions with a parameter D are compiled for D = 2 and
- * D = 3, so that a planar scene is computed in the plane. */
-#include "internal.h"
+ * The state is y = [q, q', dissipated, input work, throughput].  External forces are constant over a step, so their work is
+ * a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
+ * planar scene is computed in the plane.  What concerns all strings alike runs over arrays of one axis each, TS_LANES at a
+ * time, so that compilers use vector instructions without reordering a sum. */
+#include "kinematics.h"
 
 #include <math.h>
 #include <string.h>
-
-#if defined(__GNUC__)
-#define ALWAYS_INLINE static inline __attribute__((always_inline))
-#else
-#define ALWAYS_INLINE static inline
-#endif
-
-/* Call body(sim, ..., D) with D known to the compiler. */
-#define DISPATCH(sim, body, ...)                          \
-    do {                                                  \
-        if ((sim)->m.count[TS_D] == 2) body(__VA_ARGS__, 2); \
-        else body(__VA_ARGS__, 3);                        \
-    } while (0)
 
 /* External and gravity forces on the blocks and their inverse inertias: constant over a step. */
 void ts_prepare(ts_sim *sim)
@@ -50,24 +39,22 @@ void ts_prepare(ts_sim *sim)
         if (!pinned) sim->inv[m->bar_centre[i]] = 1.0 / mass[i];
         sim->inv[m->bar_block[i]] = (pinned ? 3.0 : 12.0) / mass[i];
     }
+    sim->rest_moves = 0;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        sim->rest[i] = sim->values[m->at[TS_REST_LENGTH] + i];
+        sim->rest_rate[i] = sim->values[m->at[TS_REST_LENGTH_RATE] + i];
+        sim->rest_moves |= sim->rest_rate[i] != 0.0;
+    }
 }
 
-/* String vector and its rate from the blocks. */
-ALWAYS_INLINE void string_vector(const ts_model *m, const double *q, const double *v, int i, double *s, double *sd, const int D)
+/* What a string bears on its piece: coefficients of its tension, zero where it bears nothing. */
+void ts_bear(ts_sim *sim, int i)
 {
-    const ts_term *t = m->term + 4 * i;
-    for (int d = 0; d < D; d++) s[d] = m->s0[i * D + d], sd[d] = 0.0;
-    for (int k = 0; k < m->term_count[i]; k++)
-        for (int d = 0; d < D; d++) {
-            s[d] += t[k].kappa * q[t[k].offset + d];
-            sd[d] += t[k].kappa * v[t[k].offset + d];
-        }
-}
-
-ALWAYS_INLINE double dot(const double *a, const double *b, const int D)
-{
-    double sum = a[0] * b[0] + a[1] * b[1];
-    return D == 3 ? sum + a[2] * b[2] : sum;
+    const ts_model *m = &sim->m;
+    int taut = sim->piece[i] > 0;
+    double k = sim->values[m->at[TS_STIFFNESS] + i];
+    sim->k_on[i] = taut && !m->beams[i] ? k : 0.0;
+    sim->d_on[i] = taut ? sim->values[m->at[TS_DAMPING] + i] : 0.0;
 }
 
 ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double gap, double *slope)
@@ -82,58 +69,175 @@ ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double gap, double *slope
     return ts_curve_force(c, sim->piece[i], gap, k, slope);
 }
 
-/* Total tension of a string on its present piece, its elastic part, and what the total would be without clipping (N). */
-ALWAYS_INLINE double tension(const ts_sim *sim, int i, double gap, double rate, double *fs, double *raw)
+/* Tension of a string on its present piece, and its elastic part (N). */
+double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
 {
     double slope;
     *fs = elastic(sim, i, gap, &slope);
-    *raw = sim->piece[i] == 0 ? 0.0 : *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate;
-    return sim->clipped[i] ? 0.0 : *raw;
+    return sim->piece[i] == 0 || sim->clipped[i] ? 0.0 : *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate;
 }
 
-double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
+/* Node positions (or, without anchors, velocities) from the blocks. */
+ALWAYS_INLINE void spread(const ts_model *m, const double *q, double *x, const int anchored, const int D)
 {
-    double raw;
-    return tension(sim, i, gap, rate, fs, &raw);
+    for (int i = 0; i < m->pinned_count; i++) {
+        const ts_place_of_bar *p = m->pinned + i;
+        for (int d = 0; d < D; d++) x[p->second * D + d] = (anchored ? m->anchor[p->second * D + d] : 0.0) + q[p->block * D + d];
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        const ts_place_of_bar *p = m->floating + i;
+        const double *r = q + p->block * D, *b = r + D;
+        for (int d = 0; d < D; d++) {
+            x[p->first * D + d] = r[d] - 0.5 * b[d];
+            x[p->second * D + d] = r[d] + 0.5 * b[d];
+        }
+    }
 }
 
-ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, double *Q, double *power, const int D)
+/* String vectors, one array for each axis. */
+ALWAYS_INLINE void difference(const ts_model *m, const double *x, double *s, const int D)
+{
+    int lanes = m->lanes;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        const double *a = x + m->strings[2 * i] * D, *b = x + m->strings[2 * i + 1] * D;
+        for (int d = 0; d < D; d++) s[d * lanes + i] = b[d] - a[d];
+    }
+}
+
+/* Elongations, rates and what they give where force curves are straight. */
+ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const int D)
+{
+    int lanes = sim->m.lanes;
+    const double *restrict s = sim->s, *restrict sd = sim->sd, *restrict rest = sim->rest, *restrict rest_rate = sim->rest_rate;
+    const double *restrict k_on = sim->k_on, *restrict d_on = sim->d_on;
+    double *restrict gap = sim->gap, *restrict rate = sim->gap_rate, *restrict over = sim->over;
+    double *restrict fs = sim->fs, *restrict fd = sim->fd, *restrict low = sim->gap_low, *restrict high = sim->gap_high;
+    INDEPENDENT for (int i = 0; i < lanes; i++) {
+        double ss = s[i] * s[i] + s[lanes + i] * s[lanes + i], sv = s[i] * sd[i] + s[lanes + i] * sd[lanes + i];
+        if (D == 3) {
+            ss += s[2 * lanes + i] * s[2 * lanes + i];
+            sv += s[2 * lanes + i] * sd[2 * lanes + i];
+        }
+        double xi = sqrt(ss), inverse = 1.0 / (xi > 1e-150 ? xi : 1e-150);
+        double g = xi - (rest[i] + rest_rate[i] * tau), r = sv * inverse - rest_rate[i];
+        over[i] = inverse;
+        gap[i] = g;
+        rate[i] = r;
+        fs[i] = k_on[i] * g;
+        fd[i] = d_on[i] * r;
+        low[i] = low[i] < g ? low[i] : g;
+        high[i] = high[i] > g ? high[i] : g;
+    }
+}
+
+/* Elastic tension of the strings that carry an NSH. */
+static void snap_curves(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    const double *rest = sim->values + m->at[TS_REST_LENGTH], *rest_rate = sim->values + m->at[TS_REST_LENGTH_RATE];
-    double dissipated = 0.0, work = 0.0, through = 0.0;
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        double s[3], sd[3];
-        string_vector(m, q, v, i, s, sd, D);
-        double xi = sqrt(dot(s, s, D)), over = xi > 0.0 ? 1.0 / xi : 0.0;
-        double gap = xi - (rest[i] + rest_rate[i] * tau), rate = dot(s, sd, D) * over - rest_rate[i];
-        sim->gap[i] = gap;
-        sim->gap_rate[i] = rate;
-        if (gap < sim->lo[i] || gap > sim->hi[i]) sim->outside[i] = 1;
-        if (sim->piece[i] == 0) continue;
-        double fs, raw, T = tension(sim, i, gap, rate, &fs, &raw), density = T * over;
-        if (m->damping_law == TS_TENSION_ONLY && (raw < 0.0) != (sim->clipped[i] != 0)) sim->outside[i] = 1;
-        const ts_term *t = m->term + 4 * i;
-        for (int k = 0; k < m->term_count[i]; k++)
-            for (int d = 0; d < D; d++) Q[t[k].offset + d] -= t[k].kappa * density * s[d];
-        if (sim->clipped[i]) continue; /* its energy is accounted for in integrate.c */
-        double lost = (T - fs) * rate, done = -T * rest_rate[i];
-        dissipated += lost;
-        work += done;
-        through += fabs(lost) + fabs(done);
+    for (int n = 0; n < m->count[TS_H]; n++) {
+        int i = m->curved[n];
+        double slope;
+        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[m->at[TS_STIFFNESS] + i], &slope);
     }
-    power[0] = dissipated;
-    power[1] = work;
-    power[2] = through;
 }
 
-ALWAYS_INLINE void external_power(const ts_sim *sim, const double *v, double *power, const int D)
+/* `tension_only`: a string whose damper outweighs its spring bears nothing. */
+static void clip(ts_sim *sim)
 {
-    for (int b = 0; b < sim->m.blocks; b++) {
-        double p = dot(sim->Qf + b * D, v + b * D, D);
-        power[1] += p;
-        power[2] += fabs(p);
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        if (sim->piece[i] == 0) continue;
+        if ((sim->fs[i] + sim->fd[i] < 0.0) != (sim->clipped[i] != 0)) sim->sign_changed[i] = 1;
+        if (sim->clipped[i]) sim->fs[i] = sim->fd[i] = 0.0;
     }
+}
+
+/* Analysis only: the law as one formula, without located transitions. */
+static void place_by_elongation(ts_sim *sim)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        if (sim->gap[i] < sim->lo[i] || sim->gap[i] > sim->hi[i]) ts_place(sim, i, ts_curve_piece(sim->curve + i, sim->gap[i]));
+        sim->fs[i] = sim->k_on[i] * sim->gap[i];
+        sim->fd[i] = sim->d_on[i] * sim->gap_rate[i];
+        if (sim->m.damping_law == TS_TENSION_ONLY && sim->piece[i] > 0) {
+            double slope, f = elastic(sim, i, sim->gap[i], &slope);
+            sim->clipped[i] = f + sim->fd[i] < 0.0;
+        }
+    }
+}
+
+/* Kinematics and tensions of all strings: s, s', 1/xi, elongation, rate, f_s, f_d. */
+ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int D)
+{
+    const ts_model *m = &sim->m;
+    spread(m, q, sim->x, 1, D);
+    spread(m, v, sim->xd, 0, D);
+    difference(m, sim->x, sim->s, D);
+    difference(m, sim->xd, sim->sd, D);
+    stretch(sim, tau, D);
+    if (sim->unlocated) place_by_elongation(sim);
+    if (m->count[TS_H]) snap_curves(sim);
+    if (m->damping_law == TS_TENSION_ONLY) clip(sim);
+}
+
+ALWAYS_INLINE void pull(ts_sim *sim, double *force, const int D)
+{
+    const ts_model *m = &sim->m;
+    int lanes = m->lanes;
+    memset(force, 0, sizeof(double) * (size_t)(m->count[TS_N] * D));
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        double density = (sim->fs[i] + sim->fd[i]) * sim->over[i], *a = force + m->strings[2 * i] * D,
+               *b = force + m->strings[2 * i + 1] * D;
+        for (int d = 0; d < D; d++) {
+            double f = density * sim->s[d * lanes + i];
+            a[d] += f;
+            b[d] -= f;
+        }
+    }
+}
+
+/* Rates of the ledger's integrals (W): dampers, and rest lengths that move. */
+ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double *p)
+{
+    double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
+    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate, *rest_rate = sim->rest_rate;
+    for (int i = 0; i < sim->m.lanes; i += TS_LANES)
+        for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
+    if (sim->rest_moves)
+        for (int i = 0; i < sim->m.lanes; i += TS_LANES)
+            for (int l = 0; l < TS_LANES; l++) {
+                double power = -(fs[i + l] + fd[i + l]) * rest_rate[i + l];
+                done[l] += power;
+                moved[l] += fabs(power);
+            }
+    p[0] = (lost[0] + lost[1]) + (lost[2] + lost[3]);
+    p[1] = (done[0] + done[1]) + (done[2] + done[3]);
+    p[2] = p[0] + ((moved[0] + moved[1]) + (moved[2] + moved[3]));
+}
+
+/* Generalised forces on the blocks. */
+ALWAYS_INLINE void gather(const ts_sim *sim, const double *force, double *Q, const int D)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; i < m->pinned_count; i++) {
+        const ts_place_of_bar *p = m->pinned + i;
+        for (int d = 0; d < D; d++) Q[p->block * D + d] = sim->Qg[p->block * D + d] + force[p->second * D + d];
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        const ts_place_of_bar *p = m->floating + i;
+        const double *Qg = sim->Qg + p->block * D, *f1 = force + p->first * D, *f2 = force + p->second * D;
+        double *Qr = Q + p->block * D, *Qb = Qr + D;
+        for (int d = 0; d < D; d++) {
+            Qr[d] = Qg[d] + (f1[d] + f2[d]);
+            Qb[d] = Qg[D + d] + 0.5 * (f2[d] - f1[d]);
+        }
+    }
+}
+
+/* Accelerations of a bar vector c from its generalised force, in place. */
+ALWAYS_INLINE void turn(double w, const double *c, const double *cd, double *Q, const int D)
+{
+    double along = (w * dot(c, Q, D) + dot(cd, cd, D)) / dot(c, c, D);
+    for (int d = 0; d < D; d++) Q[d] = w * Q[d] - along * c[d];
 }
 
 ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, const int D)
@@ -142,19 +246,19 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     int nq = m->nq;
     const double *q = y, *v = y + nq;
     double *a = dy + nq;
-    memcpy(dy, v, sizeof(double) * (size_t)nq);
-    memcpy(a, sim->Qg, sizeof(double) * (size_t)nq);
-    strings(sim, tau, q, v, a, dy + 2 * nq, D);
-    external_power(sim, v, dy + 2 * nq, D);
-    for (int b = 0; b < m->blocks; b++) {
-        const double *c = q + b * D, *cd = v + b * D;
-        double *Q = a + b * D, w = sim->inv[b];
-        if (!m->block_turns[b]) {
-            for (int d = 0; d < D; d++) Q[d] *= w;
-            continue;
-        }
-        double along = (w * dot(c, Q, D) + dot(cd, cd, D)) / dot(c, c, D);
-        for (int d = 0; d < D; d++) Q[d] = w * Q[d] - along * c[d];
+    strings(sim, tau, q, v, D);
+    pull(sim, sim->node_force, D);
+    ledger_rates(sim, dy + 2 * nq);
+    gather(sim, sim->node_force, a, D);
+    for (int i = 0; i < nq; i++) dy[i] = v[i];
+    for (int i = 0; i < m->pinned_count; i++) {
+        int b = m->pinned[i].block;
+        turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        int r = m->floating[i].block, b = r + 1;
+        for (int d = 0; d < D; d++) a[r * D + d] *= sim->inv[r];
+        turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
     }
 }
 
@@ -166,20 +270,29 @@ void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 
 ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
-    strings(sim, tau, y, y + sim->m.nq, sim->ytmp, p, D);
-    external_power(sim, y + sim->m.nq, p, D);
+    strings(sim, tau, y, y + sim->m.nq, D);
+    ledger_rates(sim, p);
 }
 
-/* Rates of the ledger's integrals at a state (W). */
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]) { DISPATCH(sim, power, sim, tau, y, p); }
+
+/* Strings' kinematics and tensions, and the generalised forces Q on the blocks: what the Jacobian starts from. */
+ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int D)
+{
+    strings(sim, tau, y, y + sim->m.nq, D);
+    pull(sim, sim->node_force, D);
+    gather(sim, sim->node_force, Q, D);
+}
+
+void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(sim, forces, sim, tau, y, Q); }
 
 ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int D)
 {
     const ts_model *m = &sim->m;
-    double s[3], sd[3], xd = sim->values[m->at[TS_REST_LENGTH_RATE] + i];
+    double s[3], sd[3], xd = sim->rest_rate[i];
     string_vector(m, y, y + m->nq, i, s, sd, D);
     double xi = sqrt(dot(s, s, D));
-    *gap = xi - (sim->values[m->at[TS_REST_LENGTH] + i] + xd * tau);
+    *gap = xi - (sim->rest[i] + xd * tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
 }
 
@@ -189,140 +302,56 @@ void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, doub
     DISPATCH(sim, string_state, sim, tau, y, i, gap, rate);
 }
 
-/* Derivatives of the string force T s/xi by s (Kq) and by s' (Kv), and its explicit time derivative (ft). */
-ALWAYS_INLINE void string_stiffness(const ts_sim *sim, double tau, const double *q, const double *v, int i, double *Kq, double *Kv,
-                                    double *ft, const int D)
+ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
 {
-    const ts_model *m = &sim->m;
-    double s[3], sd[3], slope, xd = sim->values[m->at[TS_REST_LENGTH_RATE] + i];
-    string_vector(m, q, v, i, s, sd, D);
-    double xi = sqrt(dot(s, s, D)), over = xi > 0.0 ? 1.0 / xi : 0.0, rate = dot(s, sd, D) * over;
-    double gap = xi - (sim->values[m->at[TS_REST_LENGTH] + i] + xd * tau);
-    double fs = elastic(sim, i, gap, &slope), d_ = sim->values[m->at[TS_DAMPING] + i];
-    double density = (fs + d_ * (rate - xd)) * over;
-    double u[3];
-    for (int d = 0; d < D; d++) u[d] = s[d] * over;
-    for (int r = 0; r < D; r++) {
-        for (int c = 0; c < D; c++) {
-            double by_s = slope * u[c] + d_ * over * (sd[c] - rate * u[c]);
-            Kq[r * D + c] = density * ((r == c) - u[r] * u[c]) + u[r] * by_s;
-            Kv[r * D + c] = d_ * u[r] * u[c];
-        }
-        ft[r] = -slope * xd * u[r];
+    double *c = y + block * D, *cd = y + m->nq + block * D, over = 1.0 / dot(c, c, D), along = dot(c, cd, D) * over;
+    double factor = m->block_length[block] * sqrt(over);
+    for (int d = 0; d < D; d++) {
+        cd[d] -= along * c[d];
+        c[d] *= factor;
     }
 }
 
-ALWAYS_INLINE void string_jacobians(ts_sim *sim, double tau, const double *q, const double *v, const int D)
+ALWAYS_INLINE void project_all(const ts_model *m, double *y, const int D)
 {
-    const ts_model *m = &sim->m;
-    int nq = m->nq;
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        if (sim->piece[i] == 0 || sim->clipped[i]) continue;
-        double Kq[9], Kv[9], ft[3];
-        string_stiffness(sim, tau, q, v, i, Kq, Kv, ft, D);
-        const ts_term *t = m->term + 4 * i;
-        for (int a = 0; a < m->term_count[i]; a++) {
-            double wa = -t[a].kappa * sim->inv[t[a].block];
-            for (int d = 0; d < D; d++) sim->ft[t[a].offset + d] += wa * ft[d];
-            for (int b = 0; b < m->term_count[i]; b++) {
-                double w = wa * t[b].kappa;
-                for (int r = 0; r < D; r++)
-                    for (int c = 0; c < D; c++) {
-                        int at = (t[a].offset + r) * nq + t[b].offset + c;
-                        sim->Jq[at] += w * Kq[r * D + c];
-                        sim->Jv[at] += w * Kv[r * D + c];
-                    }
-            }
-        }
-    }
-}
-
-/* Rows of a bar vector: P from the left, then the derivatives of P and of the centripetal term. */
-ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, const double *Q, int b, const int D)
-{
-    int nq = sim->m.nq, row = b * D;
-    double over = 1.0 / dot(c, c, D), w = sim->inv[b], cQ = w * dot(c, Q, D), speed = dot(cd, cd, D);
-    double *matrices[2] = {sim->Jq, sim->Jv};
-    for (int k = 0; k < 2; k++)
-        for (int col = 0; col < nq; col++) {
-            double *A = matrices[k] + row * nq + col, along = 0.0;
-            for (int d = 0; d < D; d++) along += c[d] * A[d * nq];
-            if (along != 0.0)
-                for (int d = 0; d < D; d++) A[d * nq] -= along * over * c[d];
-        }
-    double along = dot(c, sim->ft + row, D) * over;
-    for (int d = 0; d < D; d++) sim->ft[row + d] -= along * c[d];
-    for (int r = 0; r < D; r++)
-        for (int k = 0; k < D; k++) {
-            int at = (row + r) * nq + row + k;
-            sim->Jq[at] += over * (2.0 * (cQ + speed) * over * c[r] * c[k] - w * c[r] * Q[k] - (r == k) * (cQ + speed));
-            sim->Jv[at] -= 2.0 * over * c[r] * cd[k];
-        }
-}
-
-ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int D)
-{
-    const ts_model *m = &sim->m;
-    size_t nq = (size_t)m->nq;
-    const double *q = y, *v = y + nq;
-    double *Q = sim->lin, p[TS_LEDGER];
-    memset(sim->Jq, 0, sizeof(double) * nq * nq);
-    memset(sim->Jv, 0, sizeof(double) * nq * nq);
-    memset(sim->ft, 0, sizeof(double) * nq);
-    memcpy(Q, sim->Qg, sizeof(double) * nq);
-    strings(sim, tau, q, v, Q, p, D);
-    string_jacobians(sim, tau, q, v, D);
-    for (int b = 0; b < m->blocks; b++)
-        if (m->block_turns[b]) turn_rows(sim, q + b * D, v + b * D, Q + b * D, b, D);
-}
-
-/* Jq = da/dq, Jv = da/dq', ft = da/dt of the accelerations a. */
-void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y)
-{
-    sim->memory.stats[TS_JACOBIANS]++;
-    DISPATCH(sim, jacobian, sim, tau, y);
+    for (int i = 0; i < m->pinned_count; i++) project(m, y, m->pinned[i].block, D);
+    for (int i = 0; i < m->floating_count; i++) project(m, y, m->floating[i].block + 1, D);
 }
 
 /* Put a bar vector back on its length: b along itself, b' normal to b. */
 void ts_project_block(const ts_sim *sim, double *y, int block)
 {
-    const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
-    if (!m->block_turns[block]) return;
-    double *c = y + block * D, *cd = y + m->nq + block * D, cc = 0.0, ccd = 0.0;
-    for (int d = 0; d < D; d++) {
-        cc += c[d] * c[d];
-        ccd += c[d] * cd[d];
-    }
-    double factor = m->bar_length[m->block_bar[block]] / sqrt(cc);
-    for (int d = 0; d < D; d++) {
-        cd[d] -= ccd / cc * c[d];
-        c[d] *= factor;
-    }
+    if (sim->m.block_turns[block]) DISPATCH(sim, project, &sim->m, y, block);
 }
 
-void ts_project(const ts_sim *sim, double *y)
+void ts_project(const ts_sim *sim, double *y) { DISPATCH(sim, project_all, &sim->m, y); }
+
+/* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|), for two estimates at
+ * once.  Norms of vectors, so that a rotated scene takes the same steps. */
+ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *norm,
+                               double *norm2, const int D)
 {
-    for (int b = 0; b < sim->m.blocks; b++) ts_project_block(sim, y, b);
+    double worst = 0.0, worst2 = 0.0, sum = 0.0;
+    for (int b = 0; b < 2 * sim->m.blocks * D; b += D) {
+        double n0 = dot(y0 + b, y0 + b, D), n1 = dot(y1 + b, y1 + b, D), scale = 1.0 + sqrt(n0 > n1 ? n0 : n1);
+        double over = 1.0 / (scale * scale), ratio = dot(e + b, e + b, D) * over, ratio2 = dot(e2 + b, e2 + b, D) * over;
+        sum += ratio + ratio2;
+        worst = ratio > worst ? ratio : worst;
+        worst2 = ratio2 > worst2 ? ratio2 : worst2;
+    }
+    double over = 1.0 / sim->values[sim->m.at[TS_TOLERANCE]];
+    *norm = sum == sum ? sqrt(worst) * over : NAN;
+    *norm2 = sum == sum ? sqrt(worst2) * over : NAN;
 }
 
-/* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|).  Norms of vectors, so
- * that a rotated scene takes the same steps. */
+void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n, double *n2)
+{
+    DISPATCH(sim, error_norms, sim, e, e2, y0, y1, n, n2);
+}
+
 double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1)
 {
-    const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
-    double worst = 0.0;
-    for (int b = 0; b < 2 * m->blocks; b++) {
-        double ee = 0.0, n0 = 0.0, n1 = 0.0;
-        for (int d = b * D; d < (b + 1) * D; d++) {
-            ee += e[d] * e[d];
-            n0 += y0[d] * y0[d];
-            n1 += y1[d] * y1[d];
-        }
-        double scale = 1.0 + sqrt(n0 > n1 ? n0 : n1), ratio = ee / (scale * scale);
-        if (!(ratio <= worst)) worst = ratio;
-        if (ratio != ratio) return NAN;
-    }
-    return sqrt(worst) / sim->values[m->at[TS_TOLERANCE]];
+    double norm, same;
+    ts_error_norms(sim, e, e, y0, y1, &norm, &same);
+    return norm;
 }

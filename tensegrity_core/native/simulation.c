@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define STATE_MAGIC 0x3154415453534e54u /* "TNSSTAT1" */
-#define DEFAULT_PATIENCE 15 /* stiff steps after which `auto` takes the L-stable method */
+#define DEFAULT_PATIENCE 3 /* stiff steps after which `auto` takes the L-stable method */
 
 static const char *const status_names[] = {
 #define TS_ERROR(name, text) #name,
@@ -73,8 +73,6 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
         return NULL;
     }
     if (!ts_model_read(sim, model, size, message, capacity)) {
-        free(sim->arena);
-        free(sim->blob);
         free(sim);
         return NULL;
     }
@@ -94,8 +92,7 @@ void ts_free(ts_sim *sim)
 {
     if (!sim) return;
     free_curves(sim);
-    free(sim->arena);
-    free(sim->blob);
+    ts_model_free(sim);
     free(sim);
 }
 
@@ -202,6 +199,7 @@ static void backup(ts_sim *sim, ts_memory *memory)
     memcpy(sim->backup, sim->y, sizeof(double) * (size_t)sim->m.ny);
     memcpy(sim->backup_ints, sim->piece, sizeof(int32_t) * S);
     memcpy(sim->backup_ints + S, sim->clipped, sizeof(int32_t) * S);
+    if (memory->span.h > 0.0) memcpy(sim->ahead_backup, sim->ahead, sizeof(double) * sim->ahead_size);
 }
 
 static void undo(ts_sim *sim, const ts_memory *memory)
@@ -212,6 +210,7 @@ static void undo(ts_sim *sim, const ts_memory *memory)
     memcpy(sim->y, sim->backup, sizeof(double) * (size_t)sim->m.ny);
     memcpy(sim->piece, sim->backup_ints, sizeof(int32_t) * S);
     memcpy(sim->clipped, sim->backup_ints + S, sizeof(int32_t) * S);
+    if (memory->span.h > 0.0) memcpy(sim->ahead, sim->ahead_backup, sizeof(double) * sim->ahead_size);
 }
 
 /* Inputs and parameters that differ from those of the last step: are they acceptable? */
@@ -250,8 +249,7 @@ static void take_inputs(ts_sim *sim)
     double before = sim->values[m->at[TS_POTENTIAL]] + sim->values[m->at[TS_ELASTIC]];
     ts_place_all(sim);
     sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before;
-    if (sim->memory.h_next > 0.0) sim->memory.h_last = sim->memory.h_next;
-    sim->memory.h_next = 0.0;
+    ts_close_span(sim);
 }
 
 static void add_time(ts_memory *memory, double h)
@@ -278,13 +276,14 @@ int ts_step(ts_sim *sim, double h)
     ts_prepare(sim);
     if (changed) take_inputs(sim);
     else set_pieces(sim);
-    status = ts_integrate(sim, h);
+    status = ts_integrate(sim, h, !changed);
     if (status != TS_OK) {
         undo(sim, &memory);
         return status;
     }
     memcpy(sim->applied, sim->values, bytes);
     add_time(&sim->memory, h);
+    if (sim->memory.span.h > 0.0) ts_rhs(sim, h, sim->y, sim->f0); /* an open step's own derivatives are elsewhere */
     ts_outputs(sim, h);
     return TS_OK;
 }
@@ -308,6 +307,7 @@ static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
         {&sim->memory, sizeof sim->memory}, {sim->values, sizeof(double) * (size_t)m->n_real},
         {sim->applied, sizeof(double) * (size_t)sim->n_applied}, {sim->y, sizeof(double) * (size_t)m->ny},
         {sim->integers, sizeof(int32_t) * (size_t)m->n_int}, {sim->piece, S}, {sim->clipped, S},
+        {sim->ahead, sizeof(double) * sim->ahead_size},
     };
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
         if (direction == OUT) memcpy(at + total, parts[i].data, parts[i].size);
@@ -365,14 +365,37 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
 
 int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
 void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->y, sizeof(double) * (size_t)sim->m.ny); }
-void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy) { ts_rhs(sim, tau, y, dy); }
+
+/* Analysis takes inputs and parameters as they stand. */
+static void take_values(ts_sim *sim)
+{
+    ts_prepare(sim);
+    for (int i = 0; i < sim->m.count[TS_S]; i++) ts_bear(sim, i);
+}
+
+void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy)
+{
+    take_values(sim);
+    ts_rhs(sim, tau, y, dy);
+}
 
 void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *Jv, double *ft)
 {
-    size_t nq = (size_t)sim->m.nq;
+    const ts_pattern *p = &sim->pattern;
+    size_t nq = (size_t)sim->m.nq, D = (size_t)sim->m.count[TS_D];
+    take_values(sim);
     ts_rhs_jacobian(sim, tau, y);
-    memcpy(Jq, sim->Jq, sizeof(double) * nq * nq);
-    memcpy(Jv, sim->Jv, sizeof(double) * nq * nq);
+    sim->jacobian_ready = 0;
+    memset(Jq, 0, sizeof(double) * nq * nq);
+    memset(Jv, 0, sizeof(double) * nq * nq);
+    for (size_t i = 0; i < (size_t)p->n; i++)
+        for (size_t n = (size_t)p->row[i]; n < (size_t)p->row[i + 1]; n++)
+            for (size_t r = 0; r < D; r++)
+                for (size_t c = 0; c < D; c++) {
+                    size_t at = (i * D + r) * nq + (size_t)p->column[n] * D + c;
+                    Jq[at] = sim->Jq[(n * D + r) * D + c];
+                    Jv[at] = sim->Jv[(n * D + r) * D + c];
+                }
     memcpy(ft, sim->ft, sizeof(double) * nq);
 }
 

@@ -1,0 +1,716 @@
+/* Block-sparse factorisation W = L D U on a pattern that is analysed once; pivots are sought inside the diagonal blocks only.
+ *
+ * Order: minimum degree (W. F. Tinney and J. W. Walker, Direct solutions of sparse network equations by optimally ordered
+ * triangular factorization, Proc. IEEE 55 (1967) 1801, doi:10.1109/PROC.1967.6011) on the graph of the partly eliminated
+ * matrix, in which the neighbours of a pivot are at the same time its row of U.
+ * Numbers: row by row.  A row stands scattered in the work space while earlier ones are subtracted, then its blocks are
+ * stored, the diagonal one inverted.  L and U both have unit diagonals: U is then ready when it is needed, and neither
+ * substitution waits for a diagonal block.
+ * All indices are the caller's row numbers, so that right-hand sides need no permutation. */
+#include "blocks.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Largest growth times loss of digits, see accept_pivot(): rounding of 1e-16 then still leaves about three digits. */
+#define WORST 1e13
+
+/* ---- Analysis ---- */
+
+/* Elimination graph: lists of neighbours in one pool, eliminated ones dropped when a list is next read. */
+typedef struct {
+    int32_t n;
+    size_t *at;                       /* (n) start of each list */
+    int32_t *length, *room;           /* (n) numbers in it, and reserved for it */
+    int32_t *degree;                  /* (n) neighbours that are not eliminated */
+    int32_t *gone, *mark;             /* (n) eliminated; scratch */
+    int32_t *heap, *where;            /* (n) rows by (key, number), and their places there */
+    int32_t *key;                     /* (n) degree as the heap knows it */
+    int32_t *order;                   /* (n) */
+    int32_t *pool;
+    size_t used, capacity;            /* of the pool */
+} graph;
+
+static void graph_free(graph *g)
+{
+    free(g->at);
+    free(g->length);
+    free(g->pool);
+}
+
+/* Lists of the matrix's rows without the diagonal. */
+static int graph_make(graph *g, const ts_pattern *p)
+{
+    size_t n = (size_t)p->n;
+    memset(g, 0, sizeof *g);
+    g->n = p->n;
+    g->capacity = 2 * (size_t)p->count;
+    g->at = malloc(n * sizeof *g->at);
+    g->length = calloc(9 * n, sizeof *g->length);
+    g->pool = malloc(g->capacity * sizeof *g->pool);
+    if (!g->at || !g->length || !g->pool) return 0;
+    g->room = g->length + n;
+    g->degree = g->room + n;
+    g->gone = g->degree + n;
+    g->mark = g->gone + n;
+    g->heap = g->mark + n;
+    g->where = g->heap + n;
+    g->key = g->where + n;
+    g->order = g->key + n;
+    for (int32_t i = 0; i < p->n; i++) {
+        g->at[i] = g->used;
+        for (int32_t e = p->row[i]; e < p->row[i + 1]; e++)
+            if (p->column[e] != i) g->pool[g->used++] = p->column[e];
+        g->length[i] = g->room[i] = g->degree[i] = g->key[i] = p->row[i + 1] - p->row[i] - 1;
+    }
+    return 1;
+}
+
+/* Append block j to the list of block i, which moves to the pool's end when it is full. */
+static int graph_append(graph *g, int32_t i, int32_t j)
+{
+    if (g->length[i] == g->room[i]) {
+        size_t room = 2 * (size_t)g->length[i] + 4;
+        if (g->used + room > g->capacity) {
+            size_t capacity = 2 * (g->used + room);
+            int32_t *pool = realloc(g->pool, capacity * sizeof *pool);
+            if (!pool) return 0;
+            g->pool = pool;
+            g->capacity = capacity;
+        }
+        memcpy(g->pool + g->used, g->pool + g->at[i], (size_t)g->length[i] * sizeof *g->pool);
+        g->at[i] = g->used;
+        g->room[i] = (int32_t)room;
+        g->used += room;
+    }
+    g->pool[g->at[i] + (size_t)g->length[i]++] = j;
+    return 1;
+}
+
+/* Drop eliminated blocks from the list of block i; mark the others. */
+static void graph_compact(graph *g, int32_t i, int32_t stamp)
+{
+    int32_t *list = g->pool + g->at[i], kept = 0;
+    for (int32_t k = 0; k < g->length[i]; k++)
+        if (!g->gone[list[k]]) {
+            g->mark[list[k]] = stamp;
+            list[kept++] = list[k];
+        }
+    g->length[i] = kept;
+}
+
+static int heap_before(const graph *g, int32_t i, int32_t j)
+{
+    return g->key[i] < g->key[j] || (g->key[i] == g->key[j] && i < j);
+}
+
+static void heap_put(graph *g, int32_t slot, int32_t block)
+{
+    g->heap[slot] = block;
+    g->where[block] = slot;
+}
+
+/* Restore the order of the heap of `size` blocks after the key of the one in `slot` has changed. */
+static void heap_move(graph *g, int32_t size, int32_t slot)
+{
+    int32_t block = g->heap[slot];
+    while (slot > 0 && heap_before(g, block, g->heap[(slot - 1) / 2])) {
+        heap_put(g, slot, g->heap[(slot - 1) / 2]);
+        slot = (slot - 1) / 2;
+    }
+    for (;;) {
+        int32_t child = 2 * slot + 1;
+        if (child >= size) break;
+        if (child + 1 < size && heap_before(g, g->heap[child + 1], g->heap[child])) child++;
+        if (!heap_before(g, g->heap[child], block)) break;
+        heap_put(g, slot, g->heap[child]);
+        slot = child;
+    }
+    heap_put(g, slot, block);
+}
+
+/* Connect all neighbours of the eliminated block p with each other.  The neighbour of largest degree goes last, where its
+ * list need not be read: a hub with many spokes then costs no more than its spokes. */
+static int graph_connect(graph *g, int32_t p, int32_t *stamp)
+{
+    int32_t count = g->length[p], last = count - 1, largest = last;
+    int32_t *list = g->pool + g->at[p];
+    for (int32_t k = 0; k < last; k++)
+        if (g->degree[list[k]] > g->degree[list[largest]]) largest = k;
+    if (count > 0) {
+        int32_t hub = list[largest];
+        list[largest] = list[last];
+        list[last] = hub;
+    }
+    for (int32_t k = 0; k < last; k++) {
+        int32_t i = g->pool[g->at[p] + (size_t)k];
+        graph_compact(g, i, ++*stamp);
+        for (int32_t l = k + 1; l < count; l++) {
+            int32_t j = g->pool[g->at[p] + (size_t)l];
+            if (g->mark[j] == *stamp) continue;
+            if (!graph_append(g, i, j) || !graph_append(g, j, i)) return 0;
+            g->degree[i]++;
+            g->degree[j]++;
+        }
+    }
+    return 1;
+}
+
+/* Eliminate block after block, always one of smallest degree, of these the first.  Each list is then the block's row of U.
+ * Returns the number of blocks in L; -1 where memory runs out or the factor's blocks cannot be counted in 32 bits. */
+static int32_t graph_eliminate(graph *g)
+{
+    int32_t total = 0, stamp = 0, size = g->n;
+    for (int32_t i = 0; i < size; i++) {
+        heap_put(g, i, i);
+        heap_move(g, i + 1, i);
+    }
+    for (int32_t r = 0; r < g->n; r++) {
+        int32_t p = g->heap[0];
+        g->order[r] = p;
+        g->gone[p] = 1;
+        if (--size > 0) {
+            heap_put(g, 0, g->heap[size]);
+            heap_move(g, size, 0);
+        }
+        graph_compact(g, p, ++stamp);
+        if (total > (INT32_MAX - g->n) / 2 - g->length[p]) return -1;
+        total += g->length[p];
+        if (!graph_connect(g, p, &stamp)) return -1;
+        for (int32_t k = 0; k < g->length[p]; k++) {
+            int32_t i = g->pool[g->at[p] + (size_t)k];
+            g->key[i] = --g->degree[i];
+            heap_move(g, size, g->where[i]);
+        }
+    }
+    return total;
+}
+
+/* Rows of the matrix: each couple in both rows, transposed once to sort them, repetitions dropped on the way.  Returns a
+ * pointer to free holding row (n+1) and column; NULL where memory runs out. */
+static int32_t *matrix_rows(ts_pattern *p, const int32_t *couples, size_t couple_count)
+{
+    size_t n = (size_t)p->n, most = n + 2 * couple_count;
+    int32_t *row = calloc(3 * n + 2 + 2 * most, sizeof *row);
+    if (!row) return NULL;
+    int32_t *first = row + n + 1, *next = first + n + 1, *raw = next + n, *column = raw + most;
+    for (size_t c = 0; c < 2 * couple_count; c++) first[couples[c] + 1]++;
+    for (int32_t i = 0; i < p->n; i++) {
+        first[i + 1] += first[i] + 1;
+        raw[first[i]] = i;
+        next[i] = first[i] + 1;
+    }
+    for (size_t c = 0; c < 2 * couple_count; c++) raw[next[couples[c]]++] = couples[c ^ 1];
+    memcpy(next, first, n * sizeof *next);
+    for (int32_t i = 0; i < p->n; i++)
+        for (int32_t e = first[i]; e < first[i + 1]; e++) {
+            int32_t j = raw[e];
+            if (next[j] == first[j] || column[next[j] - 1] != i) column[next[j]++] = i;
+        }
+    for (int32_t i = 0; i < p->n; i++) {
+        row[i + 1] = row[i] + next[i] - first[i];
+        memmove(column + row[i], column + first[i], (size_t)(next[i] - first[i]) * sizeof *column);
+    }
+    p->row = row;
+    p->column = column;
+    p->count = row[p->n];
+    return row;
+}
+
+/* Arrays of the finished pattern in one allocation, the matrix's rows copied into it. */
+typedef struct {
+    int32_t *row, *order, *diagonal, *end, *fill_first, *column, *entry, *fill;
+} layout;
+
+static int layout_make(layout *a, ts_pattern *p)
+{
+    size_t n = (size_t)p->n, count = (size_t)p->count, entries = (size_t)p->entries;
+    a->row = malloc((5 * n + 2 + 2 * entries) * sizeof *a->row);
+    if (!a->row) return 0;
+    a->order = a->row + n + 1;
+    a->diagonal = a->order + n;
+    a->end = a->diagonal + n;
+    a->fill_first = a->end + n;
+    a->column = a->fill_first + n + 1;
+    a->entry = a->column + count;
+    a->fill = a->entry + entries;
+    memcpy(a->row, p->row, (n + 1) * sizeof *a->row);
+    memcpy(a->column, p->column, count * sizeof *a->column);
+    p->memory = a->row;
+    p->row = a->row, p->column = a->column, p->order = a->order, p->diagonal = a->diagonal, p->end = a->end;
+    p->entry = a->entry, p->fill_first = a->fill_first, p->fill = a->fill;
+    return 1;
+}
+
+/* Places of the factor's blocks, from the pivots' rows of U.  Rows of L list pivots first to last; rows of U last to first,
+ * so that both substitutions meet the number that was found last at the end of a row. */
+static void layout_factor(const layout *a, graph *g)
+{
+    int32_t n = g->n, *lower = g->where, *next = g->degree, base = 0;
+    memset(lower, 0, (size_t)n * sizeof *lower);
+    for (int32_t p = 0; p < n; p++)
+        for (int32_t k = 0; k < g->length[p]; k++) lower[g->pool[g->at[p] + (size_t)k]]++;
+    for (int32_t r = 0; r < n; r++) {
+        int32_t i = a->order[r] = g->order[r];
+        next[i] = base;
+        a->diagonal[i] = base + lower[i];
+        a->end[i] = base = a->diagonal[i] + 1 + g->length[i];
+        a->entry[a->diagonal[i]] = i;
+    }
+    for (int32_t r = 0; r < n; r++) {
+        int32_t p = g->order[r];
+        for (int32_t k = 0; k < g->length[p]; k++) a->entry[next[g->pool[g->at[p] + (size_t)k]]++] = p;
+    }
+    for (int32_t i = 0; i < n; i++) next[i] = a->diagonal[i] + 1;
+    for (int32_t r = n; r-- > 0;) {
+        int32_t i = g->order[r];
+        for (int32_t e = a->diagonal[i] - lower[i]; e < a->diagonal[i]; e++) a->entry[next[a->entry[e]]++] = i;
+    }
+}
+
+/* List the blocks of the factor that the matrix does not have. */
+static void layout_fill(const layout *a, graph *g)
+{
+    int32_t used = 0, e = 0;
+    for (int32_t i = 0; i < g->n; i++) g->mark[i] = -1;
+    for (int32_t r = 0; r < g->n; r++) {
+        int32_t i = a->order[r];
+        a->fill_first[r] = used;
+        for (int32_t f = a->row[i]; f < a->row[i + 1]; f++) g->mark[a->column[f]] = i;
+        for (; e < a->end[i]; e++)
+            if (g->mark[a->entry[e]] != i) a->fill[used++] = a->entry[e];
+    }
+    a->fill_first[g->n] = used;
+}
+
+static int analyse(ts_pattern *p)
+{
+    graph g;
+    layout a;
+    int made = 0;
+    if (graph_make(&g, p)) {
+        int32_t lower = graph_eliminate(&g);
+        p->entries = p->n + 2 * lower;
+        if (lower >= 0 && layout_make(&a, p)) {
+            layout_factor(&a, &g);
+            layout_fill(&a, &g);
+            made = 1;
+        }
+    }
+    graph_free(&g);
+    return made;
+}
+
+int ts_pattern_make(ts_pattern *p, int32_t n, int32_t D, const int32_t *couples, size_t couple_count)
+{
+    memset(p, 0, sizeof *p);
+    if (n < 1 || n >= INT32_MAX / 2 || (D != 2 && D != 3) || couple_count > (size_t)(INT32_MAX - n) / 2) return 0;
+    for (size_t c = 0; c < 2 * couple_count; c++)
+        if (couples[c] < 0 || couples[c] >= n) return 0;
+    p->n = n;
+    p->D = D;
+    int32_t *rows = matrix_rows(p, couples, couple_count);
+    int made = rows && analyse(p);
+    free(rows);
+    if (!made) memset(p, 0, sizeof *p);
+    return made;
+}
+
+void ts_pattern_free(ts_pattern *p)
+{
+    free(p->memory);
+    memset(p, 0, sizeof *p);
+}
+
+int32_t ts_pattern_find(const ts_pattern *p, int32_t i, int32_t j)
+{
+    int32_t low = p->row[i], high = p->row[i + 1];
+    while (low < high) {
+        int32_t middle = low + (high - low) / 2;
+        if (p->column[middle] < j) low = middle + 1;
+        else high = middle;
+    }
+    return low < p->row[i + 1] && p->column[low] == j ? low : -1;
+}
+
+size_t ts_pattern_factor_size(const ts_pattern *p)
+{
+    return ((size_t)p->entries + (size_t)p->n) * (size_t)(p->D * p->D) + (size_t)p->n;
+}
+
+/* ---- Numbers ----
+ *
+ * D numbers in a row are a pair and, for D = 3, a single one.  They are loaded in the parts in which they were stored: only
+ * then processors hand them on without waiting for the memory.  D is a constant once the functions below are inlined.
+ * Arrays of the pattern are taken into local variables because the compiler must assume that a store changes the pattern. */
+
+#define ALWAYS_INLINE static inline __attribute__((always_inline))
+
+typedef double pair __attribute__((vector_size(16)));
+
+typedef struct {
+    pair p;
+    double t;
+} triple;
+
+ALWAYS_INLINE pair load_pair(const double *x)
+{
+    pair p;
+    memcpy(&p, x, sizeof p);
+    return p;
+}
+
+ALWAYS_INLINE void store_pair(double *x, pair p)
+{
+    memcpy(x, &p, sizeof p);
+}
+
+ALWAYS_INLINE triple load(const double *x, const int D)
+{
+    triple v = {load_pair(x), D == 3 ? x[2] : 0.0};
+    return v;
+}
+
+ALWAYS_INLINE void store(double *x, triple v, const int D)
+{
+    store_pair(x, v.p);
+    if (D == 3) x[2] = v.t;
+}
+
+/* First number of block i of an array of blocks, or of block row i of a vector. */
+#define BLOCK(array, i) ((array) + (size_t)(i) * (size_t)(D * D))
+#define PART(vector, i) ((vector) + (size_t)(i) * (size_t)D)
+
+/* C -= A B; a holds the numbers of A twice each.  Pairs first and single numbers last, so that fewer registers are in use at
+ * a time. */
+ALWAYS_INLINE void subtract_product(const pair *a, const double *B, double *C, const int D)
+{
+    pair b0 = load_pair(B), b1 = load_pair(B + D), b2 = D == 3 ? load_pair(B + 6) : b0;
+    for (int i = 0; i < D; i++) {
+        pair sum = a[i * D] * b0 + a[i * D + 1] * b1;
+        if (D == 3) sum += a[i * D + 2] * b2;
+        store_pair(C + i * D, load_pair(C + i * D) - sum);
+    }
+    if (D == 2) return;
+    double t0 = B[2], t1 = B[5], t2 = B[8];
+    for (int i = 0; i < D; i++)
+        C[i * D + 2] -= a[i * D][0] * t0 + a[i * D + 1][0] * t1 + a[i * D + 2][0] * t2;
+}
+
+/* Sum of the magnitudes of a block's numbers. */
+ALWAYS_INLINE double magnitude(const double *A, const int D)
+{
+    if (D == 2) return (fabs(A[0]) + fabs(A[2])) + (fabs(A[1]) + fabs(A[3]));
+    return (fabs(A[0]) + fabs(A[3]) + fabs(A[6])) + (fabs(A[1]) + fabs(A[4]) + fabs(A[7]))
+         + (fabs(A[2]) + fabs(A[5]) + fabs(A[8]));
+}
+
+/* ---- Inside a diagonal block: P S = G E H, G unit lower triangular, E diagonal, H unit upper triangular.  The nine (four)
+ * numbers stand in one block, G below E^-1 below H; P is a number, 0 where rows stand as they were. */
+
+#define SWAP(type, a, b) do { type swap = a; a = b; b = swap; } while (0)
+
+/* Exchange what belongs to the rows of a block. */
+#define EXCHANGE(type, r0, r1, r2, P)             \
+    do {                                          \
+        int which = (int)(P);                     \
+        if (which & 1) SWAP(type, r0, r1);        \
+        if (which & 2) SWAP(type, r0, r2);        \
+        if (which & 4) SWAP(type, r1, r2);        \
+    } while (0)
+
+ALWAYS_INLINE double factorise2(const double *S, double *F)
+{
+    double s00 = S[0], s01 = S[1], s10 = S[2], s11 = S[3], P = 0.0;
+    if (fabs(s10) > fabs(s00)) {
+        P = 1.0;
+        SWAP(double, s00, s10);
+        SWAP(double, s01, s11);
+    }
+    double e0 = 1.0 / s00, g10 = s10 * e0, h01 = s01 * e0, e1 = 1.0 / (s11 - g10 * s01);
+    store_pair(F, (pair){e0, h01});
+    store_pair(F + 2, (pair){g10, e1});
+    return P;
+}
+
+ALWAYS_INLINE double factorise3(const double *S, double *F)
+{
+    double s00 = S[0], s01 = S[1], s02 = S[2], s10 = S[3], s11 = S[4], s12 = S[5], s20 = S[6], s21 = S[7], s22 = S[8];
+    double P = 0.0;
+    if (fabs(s10) > fabs(s00) && fabs(s10) >= fabs(s20)) {
+        P = 1.0;
+        SWAP(double, s00, s10);
+        SWAP(double, s01, s11);
+        SWAP(double, s02, s12);
+    } else if (fabs(s20) > fabs(s00)) {
+        P = 2.0;
+        SWAP(double, s00, s20);
+        SWAP(double, s01, s21);
+        SWAP(double, s02, s22);
+    }
+    double e0 = 1.0 / s00, g10 = s10 * e0, g20 = s20 * e0, h01 = s01 * e0, h02 = s02 * e0;
+    s11 -= g10 * s01, s12 -= g10 * s02, s21 -= g20 * s01, s22 -= g20 * s02;
+    if (fabs(s21) > fabs(s11)) {
+        P += 4.0;
+        SWAP(double, s11, s21);
+        SWAP(double, s12, s22);
+        SWAP(double, g10, g20);
+    }
+    double e1 = 1.0 / s11, g21 = s21 * e1, h12 = s12 * e1, e2 = 1.0 / (s22 - g21 * s12);
+    store_pair(F, (pair){e0, h01});
+    store_pair(F + 3, (pair){g10, e1});
+    store_pair(F + 6, (pair){g20, g21});
+    F[2] = h02, F[5] = h12, F[8] = e2;
+    return P;
+}
+
+/* Sum of the magnitudes of E^-1. */
+ALWAYS_INLINE double inverse_magnitude(const double *F, const int D)
+{
+    return D == 2 ? fabs(F[0]) + fabs(F[3]) : fabs(F[0]) + fabs(F[4]) + fabs(F[8]);
+}
+
+/* L = A H^-1, stored and spread. */
+ALWAYS_INLINE void right_solve(const double *A, const double *F, double *L, pair *spreaded, const int D)
+{
+    for (int i = 0; i < D; i++) {
+        double l0 = A[i * D], l1 = A[i * D + 1] - l0 * F[1];
+        spreaded[i * D] = (pair){l0, l0};
+        spreaded[i * D + 1] = (pair){l1, l1};
+        store_pair(L + i * D, (pair){l0, l1});
+        if (D == 3) {
+            double l2 = A[i * 3 + 2] - l0 * F[2] - l1 * F[5];
+            spreaded[i * 3 + 2] = (pair){l2, l2};
+            L[i * 3 + 2] = l2;
+        }
+    }
+}
+
+ALWAYS_INLINE triple minus_times(triple a, double f, triple b)
+{
+    triple v = {a.p - (pair){f, f} * b.p, a.t - f * b.t};
+    return v;
+}
+ALWAYS_INLINE triple scaled(triple a, double f)
+{
+    triple v = {a.p * (pair){f, f}, a.t * f};
+    return v;
+}
+
+/* U = E^-1 G^-1 P A */
+ALWAYS_INLINE void left_solve(const double *A, const double *F, double P, double *U, const int D)
+{
+    triple r0 = load(A, D), r1 = load(A + D, D), r2 = D == 3 ? load(A + 6, D) : r1;
+    if (P != 0.0) EXCHANGE(triple, r0, r1, r2, P);
+    r1 = minus_times(r1, F[D], r0);
+    store(U, scaled(r0, F[0]), D);
+    store(U + D, scaled(r1, F[D + 1]), D);
+    if (D == 3) {
+        r2 = minus_times(minus_times(r2, F[6], r0), F[7], r1);
+        store(U + 6, scaled(r2, F[8]), D);
+    }
+}
+
+/* The same for a vector. */
+ALWAYS_INLINE triple solve_lower(const double *F, double P, triple v, const int D)
+{
+    double v0 = v.p[0], v1 = v.p[1], v2 = v.t;
+    if (P != 0.0) EXCHANGE(double, v0, v1, v2, P);
+    v1 -= F[D] * v0;
+    if (D == 3) v2 = (v2 - F[6] * v0) - F[7] * v1;
+    triple y = {(pair){v0, v1} * (pair){F[0], F[D + 1]}, D == 3 ? v2 * F[8] : 0.0};
+    return y;
+}
+
+/* H^-1 v */
+ALWAYS_INLINE triple solve_upper(const double *F, triple v, const int D)
+{
+    double v0 = v.p[0], v1 = v.p[1];
+    if (D == 3) {
+        v0 -= F[2] * v.t;
+        v1 -= F[5] * v.t;
+    }
+    v0 -= F[1] * v1;
+    triple x = {{v0, v1}, v.t};
+    return x;
+}
+
+/* W = a^2 I - a Jv - Jq where Jv is given, else W = Jq: row i, scattered into the work space. */
+ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, double a, const double *Jq, const double *Jv, double *work,
+                           const int given, const int D)
+{
+    const int32_t *const column = p->column;
+    const pair minus_a = {-a, -a};
+    for (int32_t m = p->row[i], last = p->row[i + 1]; m < last; m++) {
+        double *W = BLOCK(work, column[m]);
+        for (int d = 0; d < D; d++) {
+            triple w = load(BLOCK(Jq, m) + d * D, D);
+            if (!given) {
+                triple v = load(BLOCK(Jv, m) + d * D, D);
+                w.p = minus_a * v.p - w.p;
+                w.t = -a * v.t - w.t;
+            }
+            store(W + d * D, w, D);
+        }
+    }
+    if (given) return;
+    double *own = BLOCK(work, i);
+    store_pair(own, load_pair(own) + (pair){a * a, 0.0});
+    store_pair(own + D, load_pair(own + D) + (pair){0.0, a * a});
+    if (D == 3) own[8] += a * a;
+}
+
+/* Rounding, of size 1e-16 times the largest that stood in a pivot's place, is harmful by how much that exceeds what the
+ * matrix has there (growth), and by how much remains of it (loss: the condition of the pivot where nothing was subtracted).
+ * A positive definite matrix has no growth.  Comparing diagonal blocks is enough where coupling goes both ways. */
+typedef struct {
+    double growth, loss;
+} quality;
+
+/* 0 also where a number is not finite: the comparisons are false then. */
+ALWAYS_INLINE int accept_pivot(quality *q, double initial, double largest, double inverse)
+{
+    double loss = largest * inverse;
+    if (!(largest <= q->growth * initial)) q->growth = largest / initial;
+    if (!(loss <= q->loss)) q->loss = loss;
+    return q->growth * q->loss < WORST;
+}
+
+ALWAYS_INLINE int factorise(const ts_pattern *p, double a, const double *Jq, const double *Jv, double *factor, const int given,
+                            const int D)
+{
+    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
+    const int32_t *const entry = p->entry, *const fill_first = p->fill_first, *const fill = p->fill;
+    const triple zero = {{0.0, 0.0}, 0.0};
+    double *exchange = BLOCK(factor, p->entries), *work = exchange + n;
+    quality q = {1.0, 1.0};
+    pair spreaded[9];
+    for (int32_t r = 0, first = 0; r < n; r++) {
+        const int32_t i = order[r], middle = diagonal[i], last = end[i];
+        double *own = BLOCK(work, i), *X = BLOCK(factor, middle);
+        for (int32_t f = fill_first[r]; f < fill_first[r + 1]; f++)
+            for (int d = 0; d < D; d++) store(BLOCK(work, fill[f]) + d * D, zero, D);
+        scatter(p, i, a, Jq, Jv, work, given, D);
+        const double initial = magnitude(own, D);
+        double largest = initial;
+        for (int32_t e = first; e < middle; e++) {
+            const int32_t k = entry[e], k_middle = diagonal[k], k_last = end[k];
+            right_solve(BLOCK(work, k), BLOCK(factor, k_middle), BLOCK(factor, e), spreaded, D);
+            for (int32_t u = k_middle + 1; u < k_last; u++) subtract_product(spreaded, BLOCK(factor, u), BLOCK(work, entry[u]), D);
+            double now = magnitude(own, D);
+            if (now > largest) largest = now;
+        }
+        const double P = exchange[i] = D == 2 ? factorise2(own, X) : factorise3(own, X);
+        if (!accept_pivot(&q, initial, largest, inverse_magnitude(X, D))) return 0;
+        for (int32_t e = first; e < middle; e++) left_solve(BLOCK(factor, e), X, P, BLOCK(factor, e), D);
+        for (int32_t e = middle + 1; e < last; e++) left_solve(BLOCK(work, entry[e]), X, P, BLOCK(factor, e), D);
+        first = last;
+    }
+    return 1;
+}
+
+int ts_blocks_factorise(const ts_pattern *p, double a, const double *Jq, const double *Jv, double *factor)
+{
+    return p->D == 2 ? factorise(p, a, Jq, Jv, factor, 0, 2) : factorise(p, a, Jq, Jv, factor, 0, 3);
+}
+
+int ts_blocks_factorise_matrix(const ts_pattern *p, const double *W, double *factor)
+{
+    return p->D == 2 ? factorise(p, 0.0, W, NULL, factor, 1, 2) : factorise(p, 0.0, W, NULL, factor, 1, 3);
+}
+
+/* Products of a block row with parts of a vector, summed: even and odd columns apart, the third ones for themselves. */
+typedef struct {
+    pair p[3];
+    double t[3];
+} sums;
+
+/* Sums of a vector and nothing else. */
+ALWAYS_INLINE sums sums_of(triple v, const int D)
+{
+    sums s = {{{0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}}, {v.p[0], v.p[1], v.t}};
+    if (D == 2) {
+        s.p[0][0] = v.p[0];
+        s.p[1][0] = v.p[1];
+    }
+    return s;
+}
+
+ALWAYS_INLINE sums sums_of_product(const double *A, triple v, const int D)
+{
+    sums s;
+    for (int d = 0; d < D; d++) {
+        s.p[d] = load_pair(A + d * D) * v.p;
+        if (D == 3) s.t[d] = A[d * D + 2] * v.t;
+    }
+    return s;
+}
+
+ALWAYS_INLINE void sums_add(sums *s, const double *A, triple v, const int D)
+{
+    for (int d = 0; d < D; d++) {
+        s->p[d] += load_pair(A + d * D) * v.p;
+        if (D == 3) s->t[d] += A[d * D + 2] * v.t;
+    }
+}
+
+ALWAYS_INLINE void sums_subtract(sums *s, const double *A, triple v, const int D)
+{
+    for (int d = 0; d < D; d++) {
+        s->p[d] -= load_pair(A + d * D) * v.p;
+        if (D == 3) s->t[d] -= A[d * D + 2] * v.t;
+    }
+}
+
+ALWAYS_INLINE triple sums_total(const sums *s, const int D)
+{
+    triple v = {(pair){s->p[0][0], s->p[1][0]} + (pair){s->p[0][1], s->p[1][1]}, 0.0};
+    if (D == 3) {
+        v.p += (pair){s->t[0], s->t[1]};
+        v.t = s->p[2][0] + s->p[2][1] + s->t[2];
+    }
+    return v;
+}
+
+ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
+{
+    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end, *const entry = p->entry;
+    const double *exchange = BLOCK(factor, p->entries);
+    for (int32_t r = 0, e = 0; r < n; r++) {
+        const int32_t i = order[r], middle = diagonal[i];
+        sums s = sums_of(solve_lower(BLOCK(factor, middle), exchange[i], load(PART(b, i), D), D), D);
+        for (; e < middle; e++) sums_subtract(&s, BLOCK(factor, e), load(PART(b, entry[e]), D), D);
+        store(PART(b, i), sums_total(&s, D), D);
+        e = end[i];
+    }
+    for (int32_t r = n; r-- > 0;) {
+        const int32_t i = order[r], middle = diagonal[i], last = end[i];
+        sums s = sums_of(load(PART(b, i), D), D);
+        for (int32_t e = middle + 1; e < last; e++) sums_subtract(&s, BLOCK(factor, e), load(PART(b, entry[e]), D), D);
+        store(PART(b, i), solve_upper(BLOCK(factor, middle), sums_total(&s, D), D), D);
+    }
+}
+
+void ts_blocks_solve(const ts_pattern *p, const double *factor, double *b)
+{
+    if (p->D == 2) solve(p, factor, b, 2);
+    else solve(p, factor, b, 3);
+}
+
+ALWAYS_INLINE void multiply(const ts_pattern *p, const double *A, const double *x, double *y, const int D)
+{
+    const int32_t n = p->n, *const row = p->row, *const column = p->column;
+    for (int32_t i = 0, m = 0; i < n; i++) {
+        const int32_t last = row[i + 1];
+        sums s = sums_of_product(BLOCK(A, m), load(PART(x, column[m]), D), D);
+        for (m++; m < last; m++) sums_add(&s, BLOCK(A, m), load(PART(x, column[m]), D), D);
+        store(PART(y, i), sums_total(&s, D), D);
+    }
+}
+
+void ts_blocks_multiply(const ts_pattern *p, const double *A, const double *x, double *y)
+{
+    if (p->D == 2) multiply(p, A, x, y, 2);
+    else multiply(p, A, x, y, 3);
+}

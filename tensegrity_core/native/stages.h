@@ -1,0 +1,41 @@
+/* Sums over stages, shared by the methods.  With constant coefficients and count the compiler unrolls the sum, drops zeros
+ * and works on several components at once.  Arrays are padded with zeros to a multiple of TS_LANES. */
+#ifndef TENSEGRITY_STAGES_H
+#define TENSEGRITY_STAGES_H
+
+#include "kinematics.h"
+
+#if defined(__GNUC__)
+#define UNROLL _Pragma("GCC unroll 16")
+#else
+#define UNROLL
+#endif
+
+/* Components of a vector of n, with padding. */
+ALWAYS_INLINE int padded(int n) { return (n + TS_LANES - 1) & ~(TS_LANES - 1); }
+
+/* out = scale * sum over count rows of a_j k_j */
+ALWAYS_INLINE void sum_stages(const double *a, const int count, const double *restrict k, int stride, double scale, int n,
+                              double *restrict out)
+{
+    for (int i = 0; i < n; i++) {
+        double sum = 0.0;
+        UNROLL for (int j = 0; j < count; j++)
+            if (a[j] != 0.0) sum += a[j] * k[j * stride + i];
+        out[i] = scale * sum;
+    }
+}
+
+/* out = y + scale * sum over count rows of a_j k_j */
+ALWAYS_INLINE void add_stages(const double *restrict y, const double *a, const int count, const double *restrict k, int stride,
+                              double scale, int n, double *restrict out)
+{
+    for (int i = 0; i < n; i++) {
+        double sum = 0.0;
+        UNROLL for (int j = 0; j < count; j++)
+            if (a[j] != 0.0) sum += a[j] * k[j * stride + i];
+        out[i] = y[i] + scale * sum;
+    }
+}
+
+#endif
