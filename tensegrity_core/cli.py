@@ -17,13 +17,14 @@ import numpy as np
 
 from . import statics
 from .errors import InputError, TensegrityError
-from .export import require_writable, write_result
+from .export import replacing, require_writable, write_result
 from .fields import METHODS
 from .inputs import Inputs, grid, held
 from .kernel import simulate as run_kernel
 from .model import Model
 from .result import Result
 from .scene import builtin_scenes, load_scene, schema_text
+from .towers import MOST_STAGES, tower_text
 
 
 class Command(NamedTuple):
@@ -72,29 +73,36 @@ def check(arguments: argparse.Namespace) -> int:
 
 def summary(model: Model, start: str) -> str:
     """What `tensegrity check` prints: counts, statics, and the start."""
-    analysis = statics.analyse(model)
-    stiffness = statics.tangent_stiffness(model)
+    stable, lowest = statics.stability(model)
     unbalanced = np.abs(statics.residual(model)).max(initial=0.0)
     axes = "".join("xyz"[axis] for axis in model.axes)
     lines = [
         f"{model.name}: {model.description}" if model.description else model.name,
         f"  nodes: {len(model.nodes)} ({len(model.fixed_nodes)} fixed), axes {axes}",
         f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
-        f"  equilibrium matrix: {analysis.equations} x {analysis.members}, rank {analysis.rank}",
-        f"  self-stress states: {analysis.self_stress.shape[1]}, mechanisms: {len(analysis.mechanisms)}, "
-        f"rigid-body motions: {analysis.rigid_body_motions}",
-        f"  start: {start}, largest unbalanced force {unbalanced:.1e} N{_stability(stiffness)}",
+        *_analysis(model),
+        f"  start: {start}, largest unbalanced force {unbalanced:.1e} N, {'stable' if stable else 'unstable'} "
+        f"(lowest stiffness {lowest:.4g} N/m)",
         *_moves(model),
         *_forces(model),
     ]
     return "\n".join(lines)
 
 
-def _stability(stiffness: np.ndarray) -> str:
-    if not stiffness.size:
-        return ""
-    kind = "stable" if statics.is_stable(stiffness) else "unstable"
-    return f", {kind} (lowest stiffness {stiffness[0]:.4g} N/m)"
+def _analysis(model: Model) -> list[str]:
+    """Rank, self-stress and mechanisms, or why there are none."""
+    try:
+        found = statics.analyse(model)
+    except statics.TooLarge as failure:
+        return [f"  no self-stress states and mechanisms: {failure}"]
+    return [
+        f"  equilibrium matrix: {found.equations} x {found.members}, rank {found.rank}",
+        f"  self-stress states: {found.self_stress.shape[1]}, mechanisms: {len(found.mechanisms)}, "
+        f"rigid-body motions: {found.rigid_body_motions}",
+    ]
+
+
+LISTED = 500  # nodes or members; of more than these, only the range is shown
 
 
 def _moves(model: Model) -> list[str]:
@@ -102,20 +110,54 @@ def _moves(model: Model) -> list[str]:
     way = np.linalg.norm(model.nodes - model.nominal, axis=1)
     if not way.any():
         return ["  all nodes at the given coordinates"]
+    if len(way) > LISTED:
+        return [f"  moved from the given coordinates: up to {1e3 * way.max():.3f} mm"]
     rows = [f"    {name}: {1e3 * d:.3f} mm" for name, d in zip(model.node_names, way) if d > 0.0]
     return ["  moved from the given coordinates:", *rows]
 
 
 def _forces(model: Model) -> list[str]:
     """Force of each member at the start, and each string's rest length."""
-    force = statics.member_forces(model)
+    force, count = statics.member_forces(model), len(model.strings)
+    if len(force) > LISTED:
+        kinds = [("strings", force[:count]), ("bars", force[count:])]
+        rows = [f"    {kind}: {f.min():.6g} to {f.max():.6g} N" for kind, f in kinds if len(f)]
+        return ["  member forces (tension positive):", *rows]
     strings = zip(model.string_names, force, model.rest_length)
-    bars = zip(model.bar_names, force[len(model.strings) :])
+    bars = zip(model.bar_names, force[count:])
     return [
         "  member forces (tension positive):",
         *(f"    {name}: {f:.6g} N, rest length {xi:.6g} m" for name, f, xi in strings),
         *(f"    {name}: {f:.6g} N" for name, f in bars),
     ]
+
+
+# --- tower -------------------------------------------------------------------------------------------------------
+
+
+def _tower_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("stages", metavar="STAGES", type=int, help=f"number of stages, 1 to {MOST_STAGES}")
+    parser.add_argument("--nsh", action="store_true", help="put the article's NSH into vertical and upper diagonal strings")
+    parser.add_argument("--gravity", type=float, help="m/s2 (default 9.81 for one or two stages, else 0)")
+    parser.add_argument("--tension", type=float, help="of inner saddle strings, N; all others go with it (default 40)")
+    parser.add_argument("--stiffness", type=float, default=5000.0, help="of all strings, N/m (default %(default)g)")
+    parser.add_argument("--damping", type=float, default=500.0, help="of all strings, N s/m (default %(default)g)")
+    parser.add_argument("--mass", type=float, default=1.0, help="of each bar, kg (default %(default)g)")
+    parser.add_argument("--output", metavar="FILE", help="the .toml file to write (default: standard output)")
+
+
+def tower(arguments: argparse.Namespace) -> int:
+    """Write the scene file of a tower of so many stages."""
+    output = arguments.output and require_writable(arguments.output, (".toml",))
+    options = {name: getattr(arguments, name) for name in ("gravity", "tension", "stiffness", "damping", "mass")}
+    text = tower_text(arguments.stages, arguments.nsh, **options)
+    if not output:
+        sys.stdout.write(text)
+        return 0
+    with replacing(output) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    print(f"{3 * arguments.stages} bars written to {output}; see its equilibrium with: tensegrity check {output}")
+    return 0
 
 
 # --- schema ------------------------------------------------------------------------------------------------------
@@ -263,6 +305,7 @@ def end_of_run(model: Model, result: Result) -> str:
 
 COMMANDS = (
     Command("check", "check a scene file and summarise its structure", _scene_argument, check),
+    Command("tower", "write the scene file of a tower of any number of stages", _tower_arguments, tower),
     Command("simulate", "simulate a scene under constant forces", _simulate_arguments, simulate),
     Command("animate", "film a scene under constant forces as a GIF", _animate_arguments, animate),
     Command("schema", "print the JSON schema of scene files", _no_arguments, schema),

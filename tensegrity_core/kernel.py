@@ -44,6 +44,7 @@ _PROTOTYPES = {
     "ts_state_size": (c_size_t, c_void_p),
     "ts_save": (c_int, c_void_p, c_char_p, c_size_t),
     "ts_restore": (c_int, c_void_p, c_char_p, c_size_t),
+    "ts_memory_size": (c_size_t, c_void_p),
     "ts_state_length": (c_int32, c_void_p),
     "ts_get_state": (None, c_void_p, POINTER(c_double)),
     "ts_derivative": (None, c_void_p, c_double, POINTER(c_double), POINTER(c_double)),
@@ -116,6 +117,11 @@ class Kernel:
     def time(self) -> float:
         """Time of the present state, s."""
         return self._library.ts_time(self._sim)
+
+    @property
+    def memory_size(self) -> int:
+        """Bytes that the simulation occupies, without its force curves."""
+        return self._library.ts_memory_size(self._sim)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """View of a field: (count,) values; outputs of the present state, inputs and parameters to write to."""

@@ -420,7 +420,7 @@ def _check_names(scene: Scene) -> Iterator[SceneError]:
         for at, letter in enumerate(name):
             # n4.force.x and a node n4_force would both flatten to n4_force_x
             head, tail = name[:at], name[at + 1 :]
-            if letter == "_" and head in (*seen, *RESERVED_NAMES) and _is_variable(head, tail):
+            if letter == "_" and (head in seen or head in RESERVED_NAMES) and _is_variable(head, tail):
                 problem = f"reads like a variable of {seen.get(head, head)} once dots become underscores"
                 yield scene.error(key, problem, f"Rename it so that it does not start with {head}_.")
 

@@ -6,14 +6,20 @@ bar node.  Degrees of freedom are the free nodes' coordinates along the axes tha
 Equilibria are minima of the potential energy V(x) = strings + gravity - external forces over the positions that keep
 every bar's length.  `descend` follows the overdamped gradient flow x' = -grad V on that surface, so it ends in the
 minimum whose basin holds the start.
+
+Forces, equilibrium and settling cost time and memory in proportion to the structure: matrices are sparse beyond SMALL.
+What needs all singular values or eigenvalues is for structures up to WHOLE.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy.sparse as sparse
+import scipy.sparse.linalg as sparse_linalg
 
 from . import nsh as nsh_law
 from .errors import TensegrityError
@@ -25,11 +31,18 @@ if TYPE_CHECKING:
 RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
 BALANCED = 1e-10  # N: a start counts as balanced below this
 MAX_STEPS = 2500
+SMALL = 300  # degrees of freedom up to which settling works with dense matrices and all eigenvectors
+WHOLE = 2000  # degrees of freedom, or members, up to which singular values and eigenvalues are computed
+NEUTRAL = 1e-10  # eigenvalues below this part of the largest are round-off
 EPS = float(np.finfo(float).eps)
 
 
 class NoEquilibrium(TensegrityError):
     """The flow found no stable equilibrium."""
+
+
+class TooLarge(TensegrityError):
+    """An analysis by dense matrices was asked for a structure beyond WHOLE."""
 
 
 # --- forces ------------------------------------------------------------------------------------------------------
@@ -81,29 +94,68 @@ def equilibrium_matrix(model: Model) -> np.ndarray:
 
     With member forces t and loads p (at the same rows) equilibrium reads A t + p = 0.  Pellegrino and Calladine,
     "Matrix analysis of statically and kinematically indeterminate frameworks", 1986.
+    Raises TooLarge: the matrix is dense.
     """
-    ends = members(model)
+    _require_small(model, "the equilibrium matrix")
+    return _equilibrium(model).toarray()
+
+
+def _equilibrium(model: Model) -> sparse.csc_array:
+    """The equilibrium matrix, sparse."""
+    ends, place = members(model), places(model)
     along = model.nodes[ends[:, 1]] - model.nodes[ends[:, 0]]
-    unit = along / np.linalg.norm(along, axis=1)[:, None]
-    matrix = np.zeros((len(model.nodes), 3, len(ends)))
-    column = np.arange(len(ends))
-    matrix[ends[:, 0], :, column] = unit
-    matrix[ends[:, 1], :, column] = -unit
-    return matrix[model.free_nodes][:, model.axes].reshape(-1, len(ends))
+    unit = (along / np.linalg.norm(along, axis=1)[:, None])[:, model.axes]
+    rows = np.stack([place[ends[:, 0]], place[ends[:, 1]]])
+    columns = np.arange(len(ends))[:, None]
+    return _sparse(rows, columns, np.stack([unit, -unit]), (_freedoms(model), len(ends)))
+
+
+def places(model: Model) -> np.ndarray:
+    """(N, D) int: the degree of freedom of each node along each axis, -1 where it is fixed."""
+    place = np.full((len(model.nodes), len(model.axes)), -1)
+    place[model.free_nodes] = np.arange(_freedoms(model)).reshape(-1, len(model.axes))
+    return place
+
+
+def _freedoms(model: Model) -> int:
+    return len(model.free_nodes) * len(model.axes)
+
+
+def _dense(rows, columns, values, shape: tuple[int, int]) -> np.ndarray:
+    """Sum of values at these places (arrays that broadcast); those in row or column -1 are left out."""
+    matrix = np.zeros((shape[0] + 1, shape[1] + 1))  # the last row and column take them
+    np.add.at(matrix, (rows, columns), values)
+    return matrix[:-1, :-1]
+
+
+def _sparse(rows, columns, values, shape: tuple[int, int]) -> sparse.csc_array:
+    """The same as a sparse matrix."""
+    rows, columns, values = (array.ravel() for array in np.broadcast_arrays(rows, columns, values))
+    kept = (rows >= 0) & (columns >= 0)
+    return sparse.coo_array((values[kept], (rows[kept], columns[kept])), shape).tocsc()
+
+
+def _require_small(model: Model, what: str) -> None:
+    size = max(_freedoms(model), len(model.strings) + len(model.bars))
+    if size > WHOLE:
+        most = f"structures of up to {WHOLE} degrees of freedom and members"
+        raise TooLarge(f"{model.name}: {what} is for {most}; here are {size}")
 
 
 def member_forces(model: Model, force=None) -> np.ndarray:
     """(S+B,) N at the model's start: the strings' elastic tensions, then the bar forces that balance best."""
     string_force = string_tension(model, _lengths(model.nodes, model.strings))
-    matrix, count = equilibrium_matrix(model), len(model.strings)
+    matrix, count = _equilibrium(model), len(model.strings)
     rest = _rows(model, loads(model, force)) + matrix[:, :count] @ string_force
-    bar_force = -_lstsq(matrix[:, count:], rest)
+    # least squares, bar by bar: their columns are orthogonal, as no two bars share a node
+    columns = matrix[:, count:]
+    bar_force = -(columns.T @ rest) / np.maximum(columns.power(2).sum(axis=0), 1e-300)
     return np.concatenate([string_force, bar_force])
 
 
 def residual(model: Model, force=None) -> np.ndarray:
     """(F, D) N: unbalanced force on each free node at the model's start, bar forces chosen to balance best."""
-    unbalanced = equilibrium_matrix(model) @ member_forces(model, force) + _rows(model, loads(model, force))
+    unbalanced = _equilibrium(model) @ member_forces(model, force) + _rows(model, loads(model, force))
     return unbalanced.reshape(-1, len(model.axes))
 
 
@@ -146,7 +198,9 @@ def analyse(model: Model, tolerance: float = RANK_TOLERANCE) -> Analysis:
     """Rank, self-stress states and infinitesimal mechanisms at the model's start.
 
     tolerance: singular values below this part of the largest count as zero.
+    Raises TooLarge: time grows with the third power of the structure.
     """
+    _require_small(model, "rank analysis")
     matrix = equilibrium_matrix(model)
     left, values, right = np.linalg.svd(matrix)
     rank = int(np.sum(values > tolerance * values[0])) if values.size else 0
@@ -211,6 +265,7 @@ def build_model(scene: Scene) -> Model:
 def _at_given_coordinates(scene: Scene) -> Model:
     index = {name: i for i, name in enumerate(scene.nodes)}
     nodes = np.array([scene.position(name) for name in scene.nodes])
+    fixed = set(scene.fixed)
     honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h) for name, entry in scene.nsh.items()}
     return Model(
         name=scene.name,
@@ -220,7 +275,7 @@ def _at_given_coordinates(scene: Scene) -> Model:
         bar_names=tuple(scene.bars),
         string_names=tuple(scene.strings),
         nodes=nodes,
-        fixed=[name in scene.fixed for name in scene.nodes],
+        fixed=[name in fixed for name in scene.nodes],
         bars=[[index[node] for node in bar.nodes] for bar in scene.bars.values()],
         bar_mass=[bar.mass for bar in scene.bars.values()],
         strings=[[index[node] for node in string.nodes] for string in scene.strings.values()],
@@ -258,6 +313,12 @@ def _prestress(scene: Scene, model: Model) -> np.ndarray:
 
 def _balancing(scene: Scene, model: Model, tension: np.ndarray, unknown: np.ndarray) -> np.ndarray:
     """The unknown strings' tensions that balance the given coordinates (best, in the sense of least squares)."""
+    try:
+        _require_small(model, "finding tensions by equilibrium")
+    except TooLarge as failure:
+        name = model.string_names[unknown[0]]
+        remedy = f"Give every string's tension in prestress.tension: {len(unknown)} are missing, first {name}."
+        raise scene.error("prestress", str(failure), remedy, {}) from None
     matrix, count = equilibrium_matrix(model), len(model.strings)
     columns = np.concatenate([unknown, np.arange(count, matrix.shape[1])])
     free = _null_space(matrix[:, columns])[: len(unknown)]
@@ -313,46 +374,126 @@ def _require_balance(scene: Scene, model: Model) -> None:
 
 def _round_off(model: Model) -> float:
     """N: what round-off in the coordinates can leave unbalanced; BALANCED unless members are very stiff or loaded."""
-    length = _lengths(model.nodes, model.strings)
     forces = np.abs(member_forces(model))
-    scale = float(np.max(model.stiffness * length, initial=0.0) + np.max(forces, initial=0.0))
-    return max(BALANCED, 16.0 * EPS * scale)
+    return max(BALANCED, 16.0 * EPS * (_coordinate_force(model) + float(np.max(forces, initial=0.0))))
+
+
+def _coordinate_force(model: Model) -> float:
+    """N: the largest of stiffness times length, or times coordinate; a round-off in coordinates makes EPS of it."""
+    reach = np.maximum(_lengths(model.nodes, model.strings), float(np.abs(model.nodes).max()))
+    return float(np.max(model.stiffness * reach, initial=0.0))
 
 
 # --- stability and settling --------------------------------------------------------------------------------------
 
 
+class _Modes:
+    """A tangent stiffness by its eigenvalues (r,), N/m, and eigenvectors (r, r): the linearised flow is solved exactly."""
+
+    assembled = staticmethod(_dense)
+
+    def __init__(self, tangent: np.ndarray):
+        self.values, self.vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
+        self.stiffest = float(np.abs(self.values).max(initial=0.0)) or 1.0
+
+    def stable(self) -> bool:
+        return is_stable(self.values)
+
+    def lowest(self) -> tuple[float, np.ndarray]:
+        """The lowest eigenvalue, N/m, and its eigenvector (r,)."""
+        return float(self.values[0]), self.vectors[:, 0]
+
+    def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
+        """(r,) where the flow goes in a time under a pull (r,), N; None: without end, or too far to say.
+
+        A neutral direction with no more pull than `negligible`, such as a rigid-body motion, is left alone.
+        """
+        pull = self.vectors.T @ pull
+        values = np.where(np.abs(self.values) < NEUTRAL * self.stiffest, 0.0, self.values)
+        pull[(values == 0.0) & (np.abs(pull) <= negligible)] = 0.0
+        if np.isinf(time) and not np.all((values > 0.0) | (pull == 0.0)):
+            return None
+        return self.vectors @ (_flow(values, time) * pull)
+
+
+class _Factors:
+    """A large tangent stiffness (r, r), N/m, by sparse factors: the linearised flow is solved by implicit Euler steps."""
+
+    assembled = staticmethod(_sparse)
+
+    def __init__(self, tangent: sparse.csc_array):
+        self.tangent = (0.5 * (tangent + tangent.T)).tocsc()
+        self.stiffest = float(abs(self.tangent).sum(axis=0).max(initial=0.0)) or 1.0  # a bound
+
+    def factors(self, shift: float):
+        """The factors of K + shift 1, None unless it is positive definite."""
+        shifted = self.tangent + shift * sparse.eye_array(self.tangent.shape[0], format="csc")
+        symmetric = {"SymmetricMode": True}
+        try:
+            found = sparse_linalg.splu(shifted, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
+        except RuntimeError:  # singular
+            return None
+        # without row exchanges the pivots have the signs of the eigenvalues (Sylvester's law of inertia)
+        definite = np.array_equal(found.perm_r, found.perm_c) and found.U.diagonal().min(initial=1.0) > 0.0
+        return found if definite else None
+
+    def stable(self) -> bool:
+        return self.factors(NEUTRAL * self.stiffest) is not None
+
+    def lowest(self) -> tuple[float, np.ndarray]:
+        """The lowest eigenvalue, N/m, and its eigenvector (r,)."""
+        shift = 0.0
+        while (factors := self.factors(shift)) is None:
+            shift = max(4.0 * shift, NEUTRAL * self.stiffest)
+        inverse = sparse_linalg.LinearOperator(self.tangent.shape, factors.solve, dtype=float)
+        start = np.random.default_rng(0).standard_normal(len(factors.perm_r))
+        values, vectors = sparse_linalg.eigsh(self.tangent, 1, sigma=-shift, OPinv=inverse, v0=start)
+        return float(values[0]), vectors[:, 0]
+
+    def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
+        """As of _Modes; a pull along a neutral direction is not left alone, but no step of infinite time follows it."""
+        factors = self.factors(1.0 / time)
+        return None if factors is None else factors.solve(pull)
+
+
 class _Point(NamedTuple):
     """The structure at one configuration, along the directions that keep the bars' lengths.
 
-    energy: V, J; basis: (F*D, r) orthonormal directions; pull: (r,) N, -grad V; values, vectors: eigenvalues, N/m, and
-    eigenvectors (r, r) of the tangent stiffness there.
+    energy: V, J; basis: (F*D, r) orthonormal directions; pull: (r,) N, -grad V; tangent: the tangent stiffness there.
     """
 
     energy: float
-    basis: np.ndarray
+    basis: np.ndarray | sparse.csc_array
     pull: np.ndarray
-    values: np.ndarray
-    vectors: np.ndarray
+    tangent: _Modes | _Factors
+
+    @property
+    def values(self) -> np.ndarray:
+        """Rising eigenvalues (r,) of the tangent stiffness, N/m; of a small structure."""
+        return self.tangent.values
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """Eigenvectors (r, r) of the tangent stiffness; of a small structure."""
+        return self.tangent.vectors
 
 
 class _Surface:
     """A model under constant loads, as a potential energy over the positions that keep the bars' lengths."""
 
-    def __init__(self, model: Model, force):
+    def __init__(self, model: Model, force, decomposition=None):
         self.model, self.load = model, loads(model, force)
         self.bar_length = _lengths(model.nominal, model.bars)
-        self.place = np.full((len(model.nodes), 3), -1)  # node, axis -> degree of freedom
-        self.size = len(model.free_nodes) * len(model.axes)
+        self.place = places(model)
+        self.size = _freedoms(model)
+        self.decomposition = decomposition or (_Modes if self.size <= SMALL else _Factors)
         length = _lengths(model.nodes, model.strings)
         tension = string_tension(model, length)
         largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())
-        stiffest = float(np.max(model.stiffness * length, initial=0.0))
-        self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (stiffest + largest_force))
+        self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (_coordinate_force(model) + largest_force))
         span = float(np.ptp(model.nodes, axis=0).max())
         self.nearly_balanced = max(self.balanced, 1e-6 * largest_force)
         self.energy_round_off = 16.0 * EPS * float(np.sum(tension * length) + np.abs(self.load).sum() * span)
-        self.place[np.ix_(model.free_nodes, model.axes)] = np.arange(self.size).reshape(-1, len(model.axes))
 
     def energy(self, nodes: np.ndarray) -> float:
         stored = string_energy(self.model, _lengths(nodes, self.model.strings))
@@ -367,14 +508,9 @@ class _Surface:
         total = self.load.copy()
         np.add.at(total, strings[:, 0], density[:, None] * along)
         np.add.at(total, strings[:, 1], -density[:, None] * along)
-        force = _rows(self.model, total)
-        normals = self._bar_normals(nodes)
-        basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
-        # bar force densities that balance best: the normals are orthogonal, as no two bars share a node
-        bar_density = (normals.T @ force) / np.sum(normals**2, axis=0)
-        tangent = basis.T @ self._stiffness(along, length, density, bar_density) @ basis
-        values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
-        return _Point(self.energy(nodes), basis, basis.T @ force, values, vectors)
+        basis = self._basis(nodes)
+        tangent = basis.T @ self._stiffness(along, length, density, self._bar_density(nodes, total)) @ basis
+        return _Point(self.energy(nodes), basis, basis.T @ _rows(self.model, total), self.decomposition(tangent))
 
     def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Positions after a step (F*D,), bars brought back to their lengths: about the fixed end or the centre."""
@@ -390,38 +526,85 @@ class _Surface:
         nodes[second] = np.where(fixed_second, at_second, np.where(fixed_first, at_first + bar, centre + 0.5 * bar))
         return nodes
 
-    def _bar_normals(self, nodes: np.ndarray) -> np.ndarray:
-        """(F*D, B): gradients of |b|^2/2 for every bar."""
-        gradient = np.zeros((len(self.model.bars), len(nodes), 3))
-        for i, (first, second) in enumerate(self.model.bars):
-            gradient[i, second] = nodes[second] - nodes[first]
-            gradient[i, first] = nodes[first] - nodes[second]
-        return np.array([_rows(self.model, row) for row in gradient]).T
+    def _basis(self, nodes: np.ndarray):
+        """(F*D, r): orthonormal directions that keep the bars' lengths, few nodes in each.
 
-    def _stiffness(self, along, length, density, bar_density) -> np.ndarray:
+        A bar contributes its turning about each direction across it and, if both ends are free, its translations.
+        """
+        bars, axes = self.model.bars, self.model.axes
+        first, second = self.place[bars[:, 0]], self.place[bars[:, 1]]  # (B, D)
+        afloat = (first[:, 0] >= 0) & (second[:, 0] >= 0)
+        across = _across((nodes[bars[:, 1]] - nodes[bars[:, 0]])[:, axes])  # (B, D, D-1)
+        across *= np.where(afloat, math.sqrt(0.5), 1.0)[:, None, None]
+        turns = np.arange(len(bars) * across.shape[2]).reshape(-1, 1, across.shape[2])
+        shifts = turns.size + np.arange(afloat.sum() * len(axes)).reshape(-1, len(axes))
+        rows = [*(np.broadcast_to(end[:, :, None], across.shape).ravel() for end in (first, second))]
+        rows += [first[afloat].ravel(), second[afloat].ravel()]
+        turning = np.broadcast_to(turns, across.shape).ravel()
+        columns = [turning, turning, shifts.ravel(), shifts.ravel()]
+        values = [-across.ravel(), across.ravel(), np.full(2 * shifts.size, math.sqrt(0.5))]
+        shape = (self.size, turns.size + shifts.size)
+        return self.decomposition.assembled(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), shape)
+
+    def _bar_density(self, nodes: np.ndarray, total: np.ndarray) -> np.ndarray:
+        """(B,) N/m: bar force densities that balance the nodal forces (N, 3) best; no two bars share a node."""
+        felt = np.zeros_like(total)
+        movable = np.ix_(self.model.free_nodes, self.model.axes)
+        felt[movable] = total[movable]
+        first, second = self.model.bars.T
+        bar = nodes[second] - nodes[first]
+        free_ends = 2.0 - self.model.fixed[first] - self.model.fixed[second]
+        return np.sum(bar * (felt[second] - felt[first]), axis=1) / (free_ends * np.sum(bar**2, axis=1))
+
+    def _stiffness(self, along, length, density, bar_density):
         """(F*D, F*D) N/m: a string's block is k u u^T + density (1 - u u^T), a bar's density times 1."""
-        model = self.model
-        unit = along / length[:, None]
-        material = string_stiffness(model, length) - density
-        blocks = np.concatenate([density, bar_density])[:, None, None] * np.eye(3)
+        axes = self.model.axes
+        unit = (along / length[:, None])[:, axes]
+        material = string_stiffness(self.model, length) - density
+        blocks = np.concatenate([density, bar_density])[:, None, None] * np.eye(len(axes))
         blocks[: len(unit)] += material[:, None, None] * unit[:, :, None] * unit[:, None, :]
-        total = np.zeros((self.size + 1, self.size + 1))  # the last row and column take the fixed nodes
-        ends = self.place[members(model)]  # (S+B, 2, 3)
-        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            places = (ends[:, i, :, None], ends[:, j, None, :])
-            np.add.at(total, places, blocks if i == j else -blocks)
-        return total[:-1, :-1]
+        ends = self.place[members(self.model)]  # (S+B, 2, D)
+        pairs = ((0, 0), (0, 1), (1, 0), (1, 1))
+        rows = np.stack([ends[:, i, :, None] for i, _ in pairs])
+        columns = np.stack([ends[:, j, None, :] for _, j in pairs])
+        values = np.stack([blocks if i == j else -blocks for i, j in pairs])
+        return self.decomposition.assembled(rows, columns, values, (self.size, self.size))
+
+
+def _across(along: np.ndarray) -> np.ndarray:
+    """(B, D) -> (B, D, D-1): orthonormal directions across each vector, from its Householder reflection."""
+    mirror = along / np.linalg.norm(along, axis=1)[:, None]
+    mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
+    reflection = np.eye(along.shape[1]) - mirror[:, :, None] * (2.0 * mirror / np.sum(mirror**2, axis=1)[:, None])[:, None, :]
+    return reflection[:, :, :-1]
 
 
 def tangent_stiffness(model: Model, force=None) -> np.ndarray:
     """Rising eigenvalues, N/m, of the tangent stiffness at the model's start, in the directions that keep the bars'
-    lengths; negative: unstable; zero: neutral, as a rigid-body motion is."""
-    return _Surface(model, force).at(model.nodes).values
+    lengths; negative: unstable; zero: neutral, as a rigid-body motion is.
+
+    Raises TooLarge: time grows with the third power of the structure; see `stability`.
+    """
+    _require_small(model, "computing every eigenvalue of the tangent stiffness")
+    return _Surface(model, force, _Modes).at(model.nodes).values
+
+
+class Stability(NamedTuple):
+    """stable: no eigenvalue of the tangent stiffness is negative beyond round-off; lowest: the lowest of them, N/m."""
+
+    stable: bool
+    lowest: float
+
+
+def stability(model: Model, force=None) -> Stability:
+    """Stability of the model's start, of small and large structures."""
+    tangent = _Surface(model, force).at(model.nodes).tangent
+    return Stability(tangent.stable(), tangent.lowest()[0])
 
 
 def is_stable(values: np.ndarray) -> bool:
     """Whether no eigenvalue (r,), N/m, of a tangent stiffness is negative beyond round-off."""
-    return bool(values.min(initial=0.0) >= -_neutral(values))
+    return bool(values.min(initial=0.0) >= -NEUTRAL * np.abs(values).max(initial=0.0))
 
 
 def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_before=None) -> Model:
@@ -503,35 +686,25 @@ def _step_limit(model: Model) -> float:
 
 def _unstable_direction(point: _Point) -> np.ndarray | None:
     """(F*D,) unit vector of the most unstable direction, its largest component positive; None at a minimum."""
-    if is_stable(point.values):
+    if point.tangent.stable():
         return None
-    direction = point.basis @ point.vectors[:, 0]
+    direction = point.basis @ point.tangent.lowest()[1]
     return direction * np.sign(direction[np.argmax(np.abs(direction))])
-
-
-def _neutral(values: np.ndarray) -> float:
-    """N/m: eigenvalues nearer to 0 than this are round-off."""
-    return 1e-10 * float(np.abs(values).max(initial=0.0))
 
 
 def _flow_step(surface: _Surface, nodes: np.ndarray, point: _Point, reach: float) -> np.ndarray:
     """One step of the flow, as long as `reach` and the energy allow."""
-    pull = point.vectors.T @ point.pull
-    values = np.where(np.abs(point.values) < _neutral(point.values), 0.0, point.values)
-    # a neutral direction without a force, such as a rigid-body motion, is left alone
-    pull[(values == 0.0) & (np.abs(pull) <= surface.balanced)] = 0.0
-    stiffest = float(np.abs(values).max(initial=0.0)) or 1.0
-    endless = np.all((values > 0.0) | (pull == 0.0))
-    time = np.inf if endless else 1e9 / stiffest
+    time, slowest = np.inf, 1e9 / point.tangent.stiffest
     while True:
-        step = point.basis @ (point.vectors @ (_flow(values, time) * pull))
-        if np.abs(step).max(initial=0.0) <= reach:
+        way = point.tangent.way(point.pull, time, surface.balanced)
+        step = None if way is None else point.basis @ way
+        if step is not None and np.abs(step).max(initial=0.0) <= reach:
             trial = surface.moved(nodes, step)
             # far down, the energy's round-off hides its fall: the step is then below what the energy can resolve
             if surface.energy(trial) <= point.energy + surface.energy_round_off:
                 return trial
-        time = 0.25 * time if np.isfinite(time) else 1e9 / stiffest
-        if time * stiffest < 1e-12:
+        time = 0.25 * time if np.isfinite(time) else slowest
+        if time < 1e-21 * slowest:
             return surface.moved(nodes, step)
 
 

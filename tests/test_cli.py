@@ -1,4 +1,4 @@
-"""The subcommands `simulate` and `animate`: what they write, and what they refuse."""
+"""The subcommands `simulate`, `animate` and `tower`: what they write, and what they refuse."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,9 @@ from tensegrity_core import export
 from tensegrity_core.cli import main
 from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
+from tensegrity_core.towers import tower
 
 SHORT = ["--duration", "0.2", "--step", "0.05"]
 
@@ -166,3 +169,59 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
         temporary.write_text("new")
         assert path.read_text() == "old"
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.csv", "new")]
+
+
+# --- tower -------------------------------------------------------------------------------------------------------
+
+
+def test_tower_writes_the_scene_that_the_generator_makes(tmp_path, capsys):
+    path = tmp_path / "made.toml"
+    options = ["--gravity", "0.5", "--tension", "60", "--stiffness", "7000", "--damping", "30", "--mass", "0.8"]
+    assert main(["tower", "4", "--nsh", *options, "--output", str(path)]) == 0
+    assert f"12 bars written to {path}" in capsys.readouterr().out
+    assert [p.name for p in tmp_path.iterdir()] == ["made.toml"]
+    made = tower(4, nsh=True, gravity=0.5, tension=60.0, stiffness=7000.0, damping=30.0, mass=0.8)
+    ours, read = build_model(made), build_model(load_scene(path))
+    for name in ("nodes", "bars", "strings", "rest_length", "stiffness", "damping", "bar_mass"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(read, name), err_msg=name)
+    assert (ours.nsh, ours.gravity) == (read.nsh, read.gravity)
+
+
+def test_tower_prints_without_a_file_and_its_scene_can_be_checked_and_run(tmp_path, capsys):
+    assert main(["tower", "3"]) == 0
+    path = tmp_path / "edited.toml"
+    path.write_text(capsys.readouterr().out.replace("mass = 1.0", "mass = 2.0"))
+    assert main(["check", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "bars: 9, strings: 36" in shown and "self-stress states: 1, mechanisms: 1" in shown and ", stable (" in shown
+    assert main(["simulate", str(path), *SHORT]) == 0
+    assert set(build_model(load_scene(path)).bar_mass) == {2.0}
+
+
+def test_check_of_a_large_tower_shows_ranges(tmp_path, capsys):
+    path = tmp_path / "tall.toml"
+    assert main(["tower", "120", "--output", str(path)]) == 0
+    assert main(["check", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "no self-stress states and mechanisms: tower120: " in shown and "here are 2151" in shown
+    force = shown.split("strings: ")[-1].split()
+    assert 5.0 < float(force[0]) < float(force[2]) < 42.0
+    assert len(shown.splitlines()) < 12
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["0"], ["stages = 0", "1 to 1000"]),
+        (["1", "--tension", "3"], ["tension = 3.0", "one stage"]),
+        (["3", "--gravity", "nan"], ["gravity = nan", "not a finite number"]),
+        (["3", "--output", "made.txt"], ["made.txt", ".toml"]),
+    ],
+)
+def test_bad_towers_are_named_and_nothing_is_written(arguments, words, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["tower", *arguments]) == 2
+    shown = capsys.readouterr()
+    for word in words:
+        assert word in shown.err
+    assert not shown.out and not list(tmp_path.iterdir())

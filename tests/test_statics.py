@@ -11,11 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegrity_core import nsh as nsh_law
+from tensegrity_core import statics
 from tensegrity_core.cli import main
 from tensegrity_core.errors import SceneError
 from tensegrity_core.scene import builtin_scenes, load_scene, parse_scene
 from tensegrity_core.statics import (
     NoEquilibrium,
+    TooLarge,
     _Surface,
     analyse,
     build_model,
@@ -25,6 +27,7 @@ from tensegrity_core.statics import (
     member_forces,
     residual,
     settle,
+    stability,
     string_energy,
     string_tension,
     tangent_stiffness,
@@ -432,3 +435,98 @@ def test_a_prism_off_its_shape_settles(seed, count):
     assert_steady(model, None)
     way = np.linalg.norm(model.nodes - model.nominal, axis=1)
     assert 0.0 < way.max() < 0.1
+
+
+# --- large structures --------------------------------------------------------------------------------------------
+
+
+def both_ways(monkeypatch, find):
+    """find() by dense and by sparse matrices."""
+    dense = find()
+    monkeypatch.setattr(statics, "SMALL", 0)
+    return dense, find()
+
+
+@pytest.mark.parametrize(
+    "name, newtons", [("three_bar", 12.0), ("three_bar_nsh", 12.0), ("six_bar", 12.0), ("six_bar_nsh", 4.0)]
+)
+def test_sparse_matrices_settle_where_dense_ones_do(name, newtons, models, monkeypatch):
+    model = models[name]
+    dense, found = both_ways(monkeypatch, lambda: settle(model, push(model, newtons), steps=10))
+    np.testing.assert_allclose(found.nodes, dense.nodes, atol=1e-9)
+    assert np.abs(found.nodes - model.nodes).max() > 1e-3
+    assert_steady(found, push(model, newtons))
+
+
+def test_sparse_matrices_follow_the_flow_over_a_snap(models, monkeypatch):
+    before, after = (push(models["three_bar_nsh"], newtons) for newtons in (20.0, 26.0))
+    model = settle(models["three_bar_nsh"], before, steps=10)
+    dense, found = both_ways(monkeypatch, lambda: settle(model, after, steps=4, force_before=before))
+    assert snapped(model) == [1] * 3 and snapped(found) == [2] * 3
+    np.testing.assert_allclose(found.nodes, dense.nodes, atol=1e-9)
+
+
+def test_sparse_matrices_give_the_scenes_themselves(monkeypatch):
+    dense, found = both_ways(monkeypatch, lambda: build_model(load_scene("six_bar_nsh")))
+    np.testing.assert_allclose(found.nodes, dense.nodes, atol=1e-10)
+
+
+def test_sparse_matrices_see_what_is_unstable(models, monkeypatch):
+    model = replace(models["two_bar"], axes=(0, 1, 2))
+    dense, found = both_ways(monkeypatch, lambda: stability(model))
+    assert not dense.stable and not found.stable
+    assert found.lowest == pytest.approx(dense.lowest, rel=1e-9)
+    settled = settle(model)
+    assert stability(settled).stable
+    assert (settled.nodes[2:, 2] < -0.9).all()  # it fell over, as with dense matrices
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sparse_matrices_settle_a_structure_afloat(seed, monkeypatch):
+    """No node is fixed: six directions are neutral, and settling leaves the structure where it is."""
+    data = prism(3, (0.8, 0.6), 1.2, 30.0, 4000.0)
+    data |= {"start": "settled", "fixed": [], "gravity": 0.0}
+    rng = np.random.default_rng(seed)
+    data["nodes"] = {name: (np.array(at) + 0.01 * rng.standard_normal(3)).tolist() for name, at in data["nodes"].items()}
+    dense, found = both_ways(monkeypatch, lambda: build_model(parse_scene(data)))
+    assert np.abs(residual(found)).max() <= 1e-10
+    force = [member_forces(model) for model in (dense, found)]
+    np.testing.assert_allclose(force[1], force[0], atol=1e-6)
+    gap = np.linalg.norm(found.nodes.mean(axis=0) - dense.nodes.mean(axis=0))
+    assert gap < 1e-4 and stability(found).stable
+
+
+def test_stability_is_that_of_the_eigenvalues(models):
+    for model in models.values():
+        assert stability(model) == (is_stable(tangent_stiffness(model)), tangent_stiffness(model)[0])
+
+
+def test_a_basis_is_orthonormal_and_keeps_the_lengths(models):
+    for model in models.values():
+        surface = _Surface(model, None)
+        basis = surface.at(model.nodes).basis
+        freedoms = surface.size - len(model.bars)
+        np.testing.assert_allclose(basis.T @ basis, np.eye(freedoms), atol=1e-15)
+        np.testing.assert_allclose(equilibrium_matrix(model)[:, len(model.strings) :].T @ basis, 0.0, atol=2e-15)
+
+
+@pytest.mark.parametrize("what", [analyse, tangent_stiffness, equilibrium_matrix])
+def test_dense_analyses_refuse_large_structures(what, models, monkeypatch):
+    monkeypatch.setattr(statics, "WHOLE", 20)
+    assert what(models["three_bar"]) is not None
+    with pytest.raises(TooLarge, match="six_bar: .* up to 20 .* here are 27"):
+        what(models["six_bar"])
+
+
+def test_large_scenes_need_their_tensions(monkeypatch):
+    monkeypatch.setattr(statics, "WHOLE", 8)
+    with pytest.raises(SceneError, match="up to 8 .*Give every string's tension .*: 6 are missing, first s1"):
+        build_model(load_scene("three_bar"))
+
+
+def test_check_says_what_is_left_out_of_a_large_structure(monkeypatch, capsys):
+    monkeypatch.setattr(statics, "WHOLE", 20)
+    assert main(["check", "six_bar"]) == 0
+    shown = capsys.readouterr().out
+    assert "no self-stress states and mechanisms: six_bar: rank analysis is for structures of up to 20" in shown
+    assert "stable (lowest stiffness" in shown and "unstable" not in shown and "s21: " in shown

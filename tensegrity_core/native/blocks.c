@@ -1,11 +1,16 @@
-/* Block-sparse factorisation W = L D U on a pattern that is analysed once; pivots are sought inside the diagonal blocks only.
+/* Block-sparse LU on a pattern that is analysed once.  No rows are exchanged but those inside a diagonal block.
  *
  * Order: minimum degree (W. F. Tinney and J. W. Walker, Direct solutions of sparse network equations by optimally ordered
  * triangular factorization, Proc. IEEE 55 (1967) 1801, doi:10.1109/PROC.1967.6011) on the graph of the partly eliminated
  * matrix, in which the neighbours of a pivot are at the same time its row of U.
- * Numbers: row by row.  A row stands scattered in the work space while earlier ones are subtracted, then its blocks are
- * stored, the diagonal one inverted.  L and U both have unit diagonals: U is then ready when it is needed, and neither
- * substitution waits for a diagonal block.
+ *
+ * Numbers: row by row.  A row of blocks stands scattered in the work space while multiples of earlier ones are subtracted.
+ * What is left on its diagonal is factorised as P S = G E H with G and H unit triangular and E diagonal, and the rest of the
+ * row divided by P, G and E, so that only H remains to be applied in a solution.  That is elimination number by number
+ * written in blocks.  Multiplying by inverted diagonal blocks would be quicker still, but its errors grow with the condition
+ * of those blocks on top of that of W, and a stiff string makes it large (J. W. Demmel, N. J. Higham and R. S. Schreiber,
+ * Stability of block LU factorization, Numer. Linear Algebra Appl. 2 (1995) 173, doi:10.1002/nla.1680020208).
+ *
  * All indices are the caller's row numbers, so that right-hand sides need no permutation. */
 #include "blocks.h"
 
@@ -13,12 +18,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Largest growth times loss of digits, see accept_pivot(): rounding of 1e-16 then still leaves about three digits. */
+/* Largest growth times loss, see quality: rounding of 1e-16 then leaves about three digits. */
 #define WORST 1e13
 
 /* ---- Analysis ---- */
 
-/* Elimination graph: lists of neighbours in one pool, eliminated ones dropped when a list is next read. */
+/* Rows of blocks and their neighbours: lists in one pool, from which eliminated rows are dropped when they are next read. */
 typedef struct {
     int32_t n;
     size_t *at;                       /* (n) start of each list */
@@ -67,7 +72,7 @@ static int graph_make(graph *g, const ts_pattern *p)
     return 1;
 }
 
-/* Append block j to the list of block i, which moves to the pool's end when it is full. */
+/* Append j to the list of row i, which moves to the pool's end when it is full. */
 static int graph_append(graph *g, int32_t i, int32_t j)
 {
     if (g->length[i] == g->room[i]) {
@@ -88,7 +93,7 @@ static int graph_append(graph *g, int32_t i, int32_t j)
     return 1;
 }
 
-/* Drop eliminated blocks from the list of block i; mark the others. */
+/* Drop eliminated rows from the list of row i; mark the others. */
 static void graph_compact(graph *g, int32_t i, int32_t stamp)
 {
     int32_t *list = g->pool + g->at[i], kept = 0;
@@ -105,17 +110,17 @@ static int heap_before(const graph *g, int32_t i, int32_t j)
     return g->key[i] < g->key[j] || (g->key[i] == g->key[j] && i < j);
 }
 
-static void heap_put(graph *g, int32_t slot, int32_t block)
+static void heap_put(graph *g, int32_t slot, int32_t row)
 {
-    g->heap[slot] = block;
-    g->where[block] = slot;
+    g->heap[slot] = row;
+    g->where[row] = slot;
 }
 
-/* Restore the order of the heap of `size` blocks after the key of the one in `slot` has changed. */
+/* Restore the order of the heap of `size` rows after the key of the one in `slot` has changed. */
 static void heap_move(graph *g, int32_t size, int32_t slot)
 {
-    int32_t block = g->heap[slot];
-    while (slot > 0 && heap_before(g, block, g->heap[(slot - 1) / 2])) {
+    int32_t row = g->heap[slot];
+    while (slot > 0 && heap_before(g, row, g->heap[(slot - 1) / 2])) {
         heap_put(g, slot, g->heap[(slot - 1) / 2]);
         slot = (slot - 1) / 2;
     }
@@ -123,14 +128,14 @@ static void heap_move(graph *g, int32_t size, int32_t slot)
         int32_t child = 2 * slot + 1;
         if (child >= size) break;
         if (child + 1 < size && heap_before(g, g->heap[child + 1], g->heap[child])) child++;
-        if (!heap_before(g, g->heap[child], block)) break;
+        if (!heap_before(g, g->heap[child], row)) break;
         heap_put(g, slot, g->heap[child]);
         slot = child;
     }
-    heap_put(g, slot, block);
+    heap_put(g, slot, row);
 }
 
-/* Connect all neighbours of the eliminated block p with each other.  The neighbour of largest degree goes last, where its
+/* Connect all neighbours of the eliminated row p with each other.  The neighbour of largest degree goes last, where its
  * list need not be read: a hub with many spokes then costs no more than its spokes. */
 static int graph_connect(graph *g, int32_t p, int32_t *stamp)
 {
@@ -157,7 +162,7 @@ static int graph_connect(graph *g, int32_t p, int32_t *stamp)
     return 1;
 }
 
-/* Eliminate block after block, always one of smallest degree, of these the first.  Each list is then the block's row of U.
+/* Eliminate row after row, always one of smallest degree, of these the first.  Each list is then what the row has in U.
  * Returns the number of blocks in L; -1 where memory runs out or the factor's blocks cannot be counted in 32 bits. */
 static int32_t graph_eliminate(graph *g)
 {
@@ -382,8 +387,7 @@ ALWAYS_INLINE void store(double *x, triple v, const int D)
 #define BLOCK(array, i) ((array) + (size_t)(i) * (size_t)(D * D))
 #define PART(vector, i) ((vector) + (size_t)(i) * (size_t)D)
 
-/* C -= A B; a holds the numbers of A twice each.  Pairs first and single numbers last, so that fewer registers are in use at
- * a time. */
+/* C -= A B, where a holds the numbers of A twice each.  Pairs first and single numbers last: that takes fewer registers. */
 ALWAYS_INLINE void subtract_product(const pair *a, const double *B, double *C, const int D)
 {
     pair b0 = load_pair(B), b1 = load_pair(B + D), b2 = D == 3 ? load_pair(B + 6) : b0;
@@ -406,20 +410,20 @@ ALWAYS_INLINE double magnitude(const double *A, const int D)
          + (fabs(A[2]) + fabs(A[5]) + fabs(A[8]));
 }
 
-/* ---- Inside a diagonal block: P S = G E H, G unit lower triangular, E diagonal, H unit upper triangular.  The nine (four)
- * numbers stand in one block, G below E^-1 below H; P is a number, 0 where rows stand as they were. */
+/* A diagonal block S is kept as P S = G E H in one block F: the numbers of G below the diagonal, E^-1 on it, those of H
+ * above.  P is the sum of 1 where rows 0 and 1 are exchanged, 2 where 0 and 2 are, and 4 where then 1 and 2 are. */
 
 #define SWAP(type, a, b) do { type swap = a; a = b; b = swap; } while (0)
 
-/* Exchange what belongs to the rows of a block. */
-#define EXCHANGE(type, r0, r1, r2, P)             \
-    do {                                          \
-        int which = (int)(P);                     \
-        if (which & 1) SWAP(type, r0, r1);        \
-        if (which & 2) SWAP(type, r0, r2);        \
-        if (which & 4) SWAP(type, r1, r2);        \
+#define EXCHANGE(type, r0, r1, r2, P)      \
+    do {                                   \
+        int which = (int)(P);              \
+        if (which & 1) SWAP(type, r0, r1); \
+        if (which & 2) SWAP(type, r0, r2); \
+        if (which & 4) SWAP(type, r1, r2); \
     } while (0)
 
+/* F and P of S; E^-1 is not finite where S is singular. */
 ALWAYS_INLINE double factorise2(const double *S, double *F)
 {
     double s00 = S[0], s01 = S[1], s10 = S[2], s11 = S[3], P = 0.0;
@@ -465,62 +469,62 @@ ALWAYS_INLINE double factorise3(const double *S, double *F)
     return P;
 }
 
-/* Sum of the magnitudes of E^-1. */
 ALWAYS_INLINE double inverse_magnitude(const double *F, const int D)
 {
     return D == 2 ? fabs(F[0]) + fabs(F[3]) : fabs(F[0]) + fabs(F[4]) + fabs(F[8]);
 }
 
-/* L = A H^-1, stored and spread. */
-ALWAYS_INLINE void right_solve(const double *A, const double *F, double *L, pair *spreaded, const int D)
+/* L = A H^-1, and its numbers twice each for subtract_product(). */
+ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, pair *twice, const int D)
 {
     for (int i = 0; i < D; i++) {
         double l0 = A[i * D], l1 = A[i * D + 1] - l0 * F[1];
-        spreaded[i * D] = (pair){l0, l0};
-        spreaded[i * D + 1] = (pair){l1, l1};
         store_pair(L + i * D, (pair){l0, l1});
-        if (D == 3) {
-            double l2 = A[i * 3 + 2] - l0 * F[2] - l1 * F[5];
-            spreaded[i * 3 + 2] = (pair){l2, l2};
-            L[i * 3 + 2] = l2;
-        }
+        twice[i * D] = (pair){l0, l0};
+        twice[i * D + 1] = (pair){l1, l1};
+        if (D == 2) continue;
+        double l2 = A[i * D + 2] - l0 * F[2] - l1 * F[5];
+        L[i * D + 2] = l2;
+        twice[i * D + 2] = (pair){l2, l2};
     }
 }
 
-ALWAYS_INLINE triple minus_times(triple a, double f, triple b)
+ALWAYS_INLINE triple scaled(double f, triple v)
 {
-    triple v = {a.p - (pair){f, f} * b.p, a.t - f * b.t};
-    return v;
-}
-ALWAYS_INLINE triple scaled(triple a, double f)
-{
-    triple v = {a.p * (pair){f, f}, a.t * f};
+    v.p *= (pair){f, f};
+    v.t *= f;
     return v;
 }
 
-/* U = E^-1 G^-1 P A */
-ALWAYS_INLINE void left_solve(const double *A, const double *F, double P, double *U, const int D)
+ALWAYS_INLINE triple minus_scaled(triple v, double f, triple w)
+{
+    v.p -= (pair){f, f} * w.p;
+    v.t -= f * w.t;
+    return v;
+}
+
+/* B = E^-1 G^-1 P A; B may be A. */
+ALWAYS_INLINE void divide_left(const double *A, const double *F, double P, double *B, const int D)
 {
     triple r0 = load(A, D), r1 = load(A + D, D), r2 = D == 3 ? load(A + 6, D) : r1;
     if (P != 0.0) EXCHANGE(triple, r0, r1, r2, P);
-    r1 = minus_times(r1, F[D], r0);
-    store(U, scaled(r0, F[0]), D);
-    store(U + D, scaled(r1, F[D + 1]), D);
-    if (D == 3) {
-        r2 = minus_times(minus_times(r2, F[6], r0), F[7], r1);
-        store(U + 6, scaled(r2, F[8]), D);
-    }
+    r1 = minus_scaled(r1, F[D], r0);
+    store(B, scaled(F[0], r0), D);
+    store(B + D, scaled(F[D + 1], r1), D);
+    if (D == 2) return;
+    r2 = minus_scaled(minus_scaled(r2, F[6], r0), F[7], r1);
+    store(B + 6, scaled(F[8], r2), D);
 }
 
-/* The same for a vector. */
+/* E^-1 G^-1 P v */
 ALWAYS_INLINE triple solve_lower(const double *F, double P, triple v, const int D)
 {
     double v0 = v.p[0], v1 = v.p[1], v2 = v.t;
     if (P != 0.0) EXCHANGE(double, v0, v1, v2, P);
     v1 -= F[D] * v0;
-    if (D == 3) v2 = (v2 - F[6] * v0) - F[7] * v1;
-    triple y = {(pair){v0, v1} * (pair){F[0], F[D + 1]}, D == 3 ? v2 * F[8] : 0.0};
-    return y;
+    v.p = (pair){v0, v1} * (pair){F[0], F[D + 1]};
+    if (D == 3) v.t = (v2 - F[6] * v0 - F[7] * v1) * F[8];
+    return v;
 }
 
 /* H^-1 v */
@@ -531,9 +535,8 @@ ALWAYS_INLINE triple solve_upper(const double *F, triple v, const int D)
         v0 -= F[2] * v.t;
         v1 -= F[5] * v.t;
     }
-    v0 -= F[1] * v1;
-    triple x = {{v0, v1}, v.t};
-    return x;
+    v.p = (pair){v0 - F[1] * v1, v1};
+    return v;
 }
 
 /* W = a^2 I - a Jv - Jq where Jv is given, else W = Jq: row i, scattered into the work space. */
@@ -561,14 +564,15 @@ ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, double a, const doubl
     if (D == 3) own[8] += a * a;
 }
 
-/* Rounding, of size 1e-16 times the largest that stood in a pivot's place, is harmful by how much that exceeds what the
- * matrix has there (growth), and by how much remains of it (loss: the condition of the pivot where nothing was subtracted).
- * A positive definite matrix has no growth.  Comparing diagonal blocks is enough where coupling goes both ways. */
+/* Rounding is 1e-16 of the largest numbers that stand in a place meanwhile.  That is harmful by how much they exceed what the
+ * matrix has there (growth), and by how little of them remains for the next pivots (loss).  In a positive definite system
+ * nothing grows, and the loss is at most its condition.  Only diagonal blocks are looked at: what grows elsewhere grows there
+ * as well when all couplings go both ways. */
 typedef struct {
     double growth, loss;
 } quality;
 
-/* 0 also where a number is not finite: the comparisons are false then. */
+/* 0 also where a number is not finite, as comparisons are false then. */
 ALWAYS_INLINE int accept_pivot(quality *q, double initial, double largest, double inverse)
 {
     double loss = largest * inverse;
@@ -583,28 +587,28 @@ ALWAYS_INLINE int factorise(const ts_pattern *p, double a, const double *Jq, con
     const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
     const int32_t *const entry = p->entry, *const fill_first = p->fill_first, *const fill = p->fill;
     const triple zero = {{0.0, 0.0}, 0.0};
-    double *exchange = BLOCK(factor, p->entries), *work = exchange + n;
+    double *exchange = BLOCK(factor, p->entries), *work = exchange + n; /* (n) P of each row; (n) blocks */
     quality q = {1.0, 1.0};
-    pair spreaded[9];
     for (int32_t r = 0, first = 0; r < n; r++) {
         const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        double *own = BLOCK(work, i), *X = BLOCK(factor, middle);
+        double *S = BLOCK(work, i), *F = BLOCK(factor, middle);
         for (int32_t f = fill_first[r]; f < fill_first[r + 1]; f++)
             for (int d = 0; d < D; d++) store(BLOCK(work, fill[f]) + d * D, zero, D);
         scatter(p, i, a, Jq, Jv, work, given, D);
-        const double initial = magnitude(own, D);
+        const double initial = magnitude(S, D);
         double largest = initial;
         for (int32_t e = first; e < middle; e++) {
             const int32_t k = entry[e], k_middle = diagonal[k], k_last = end[k];
-            right_solve(BLOCK(work, k), BLOCK(factor, k_middle), BLOCK(factor, e), spreaded, D);
-            for (int32_t u = k_middle + 1; u < k_last; u++) subtract_product(spreaded, BLOCK(factor, u), BLOCK(work, entry[u]), D);
-            double now = magnitude(own, D);
+            pair twice[9];
+            divide_right(BLOCK(work, k), BLOCK(factor, k_middle), BLOCK(factor, e), twice, D);
+            for (int32_t u = k_middle + 1; u < k_last; u++) subtract_product(twice, BLOCK(factor, u), BLOCK(work, entry[u]), D);
+            double now = magnitude(S, D);
             if (now > largest) largest = now;
         }
-        const double P = exchange[i] = D == 2 ? factorise2(own, X) : factorise3(own, X);
-        if (!accept_pivot(&q, initial, largest, inverse_magnitude(X, D))) return 0;
-        for (int32_t e = first; e < middle; e++) left_solve(BLOCK(factor, e), X, P, BLOCK(factor, e), D);
-        for (int32_t e = middle + 1; e < last; e++) left_solve(BLOCK(work, entry[e]), X, P, BLOCK(factor, e), D);
+        const double P = exchange[i] = D == 2 ? factorise2(S, F) : factorise3(S, F);
+        if (!accept_pivot(&q, initial, largest, inverse_magnitude(F, D))) return 0;
+        for (int32_t e = first; e < middle; e++) divide_left(BLOCK(factor, e), F, P, BLOCK(factor, e), D);
+        for (int32_t e = middle + 1; e < last; e++) divide_left(BLOCK(work, entry[e]), F, P, BLOCK(factor, e), D);
         first = last;
     }
     return 1;
@@ -620,13 +624,12 @@ int ts_blocks_factorise_matrix(const ts_pattern *p, const double *W, double *fac
     return p->D == 2 ? factorise(p, 0.0, W, NULL, factor, 1, 2) : factorise(p, 0.0, W, NULL, factor, 1, 3);
 }
 
-/* Products of a block row with parts of a vector, summed: even and odd columns apart, the third ones for themselves. */
+/* Products of a row of blocks with parts of a vector, summed: even and odd columns apart, the third ones for themselves. */
 typedef struct {
     pair p[3];
     double t[3];
 } sums;
 
-/* Sums of a vector and nothing else. */
 ALWAYS_INLINE sums sums_of(triple v, const int D)
 {
     sums s = {{{0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}}, {v.p[0], v.p[1], v.t}};
@@ -675,7 +678,8 @@ ALWAYS_INLINE triple sums_total(const sums *s, const int D)
 
 ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
 {
-    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end, *const entry = p->entry;
+    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
+    const int32_t *const entry = p->entry;
     const double *exchange = BLOCK(factor, p->entries);
     for (int32_t r = 0, e = 0; r < n; r++) {
         const int32_t i = order[r], middle = diagonal[i];

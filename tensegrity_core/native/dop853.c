@@ -5,7 +5,7 @@
 
 #include "dop853_tableau.h"
 
-#define STIFF 3.0 /* h lambda from which a step counts as limited by stability; the method bears about 6 */
+#define STIFF 4.0 /* h lambda from which a step counts as limited by stability; the method bears about 6 */
 
 /* Stage s of an attempt: its argument in ytmp, its derivative in row s of k. */
 #define STAGE(s)                                                                     \
@@ -65,7 +65,7 @@ static void watch_stiffness(ts_sim *sim, double h)
     }
     int stiff = state > 0.0 && h * h * force > STIFF * STIFF * state;
     if (stiff) sim->memory.stiff += sim->memory.stiff < 1000;
-    else if (sim->memory.stiff > 0) sim->memory.stiff--;
+    else if (sim->memory.stiff > 0 && !sim->rejected) sim->memory.stiff--;
 }
 
 static void accept(ts_sim *sim, double tau, double h)

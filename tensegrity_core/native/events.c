@@ -193,6 +193,7 @@ static void change_piece(ts_sim *sim, double tau, int i, int piece)
     if (sim->transition_count < TS_MAX_TRANSITIONS)
         sim->transitions[sim->transition_count] =
             (ts_transition){memory->time + (tau + memory->time_low), i, sim->piece[i], piece, 0};
+    sim->force_jumps |= sim->piece[i] == 0 || piece == 0; /* by its damper; NSH branches join without a jump */
     sim->transition_count++;
     memory->stats[TS_TRANSITIONS]++;
     ts_place(sim, i, piece);
@@ -203,6 +204,7 @@ static void change_piece(ts_sim *sim, double tau, int i, int piece)
 void ts_switch(ts_sim *sim, double tau, int which)
 {
     int S = sim->m.count[TS_S];
+    sim->force_jumps = 0;
     for (int i = 0; i < S; i++) {
         double gap, rate, scale;
         ts_string_state(sim, tau, sim->y, i, &gap, &rate);
@@ -216,7 +218,7 @@ void ts_switch(ts_sim *sim, double tau, int which)
         } else if (i + S != which) {
             continue;
         }
-        if (i + S == which) sim->clipped[i] = !sim->clipped[i];
+        if (i + S == which) sim->clipped[i] = !sim->clipped[i], sim->force_jumps = 1;
         else if (clips(sim, i) && sim->piece[i] == 1 && !sim->clipped[i])
             sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
     }

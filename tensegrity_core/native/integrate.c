@@ -211,7 +211,7 @@ static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
 }
 
 /* Try a step; 1 if it may stand.  The controller's next proposal stands in memory.h_next. */
-static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, int last, int *rejected)
+static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, int last)
 {
     ts_memory *memory = &sim->memory;
     memset(sim->sign_changed, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
@@ -223,12 +223,12 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     if (!(err <= 1.0)) {
         memory->stats[TS_REJECTED]++;
         memory->h_next = h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : sim->shrink);
-        *rejected = 1;
+        sim->rejected++;
+        ts_review_rejection(sim);
         return 0;
     }
     double grow = err > 0.0 ? fmin(sim->growth, SAFETY * pow(err, -method->exponent)) : sim->growth;
-    if (*rejected && grow > 1.0) grow = 1.0;
-    *rejected = 0;
+    if (sim->rejected && grow > 1.0) grow = 1.0;
     if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
     memory->stats[TS_STEPS]++;
     memory->stats[TS_IMPLICIT_STEPS] += (method->flags & TS_IMPLICIT) != 0;
@@ -240,8 +240,9 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
 {
     ts_memory *memory = &sim->memory;
     double tau = 0.0;
-    int stuck = 0, rejected = 0;
+    int stuck = 0;
     plan p = make_plan(sim, end, may_run_ahead);
+    sim->rejected = 0;
     if (use_open_span(sim, end, &tau)) return TS_OK;
     for (int i = 0; i < 2 * sim->m.nq; i++)
         if (!isfinite(sim->f0[i])) return fail(sim, TS_NOT_FINITE);
@@ -253,12 +254,13 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, fmin(end - tau, p.longest));
         double h = next_step(sim, method, &p, tau, &last);
         if (!(h > 4.0 * DBL_EPSILON * (tau + h)) || !(h > DBL_MIN)) return fail(sim, TS_STEP_TOO_SMALL);
-        if (!try_step(sim, method, tau, h, last, &rejected)) {
+        if (!try_step(sim, method, tau, h, last)) {
             if (fixed) return fail(sim, TS_NOT_FINITE);
             continue;
         }
         int locate = !sim->unlocated && (!method->splits || p.splits < method->splits);
         open_span(sim, method, tau, h, locate);
+        sim->rejected = 0;
         double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
         if (reached > end * (1.0 + ROUND_OFF)) {
             state_at(sim, &memory->span, (end - tau) / h);

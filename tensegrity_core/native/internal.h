@@ -14,6 +14,7 @@
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
 #define TS_MAX_STEPS 2000000      /* per call of ts_step */
 #define TS_LANES 4                /* arrays that are worked on in one go are padded to a multiple of it */
+#define TS_PATIENCE 3             /* signs of stiffness that make `auto` leave the explicit method */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
 #define TS_DEGREE 7               /* of the polynomials of an NSH's force curve */
 #define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
@@ -98,13 +99,14 @@ typedef struct {
     double time;     /* s, at the last communication point */
     double time_low; /* s, what rounding took from it so far */
     double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
+    double h_explicit; /* s, the last step before `auto` left the explicit method */
     ts_span span;
     int32_t active;   /* method in use */
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
     int32_t patience; /* how many of them make `auto` leave the explicit method */
     int32_t started;  /* ts_initialize() has been called */
     int32_t method;   /* as it was then */
-    int32_t padding;
+    int32_t worthwhile; /* the implicit steps since `auto` left the explicit method were worth their cost */
     int64_t stats[TS_STATS];
 } ts_memory;
 
@@ -163,13 +165,16 @@ struct ts_sim {
     double *ft, *lin;            /* (nq), (6 nq) */
     double *backup;       /* (n_real + n_applied + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
+    int32_t rejected;       /* attempts in a row that were */
     double joined;          /* h of the step that ended where the present one starts, its dense output at hand; or 0 */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
+    int32_t force_jumps;    /* the last transition made the force of a damper jump */
     int32_t dense_ready;    /* densify() has been called for the step at hand */
     int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
     ts_transition *transitions;
     int64_t transition_count;
     char message[256];
+    size_t bytes;     /* of the allocations below; the pattern and the force curves come on top */
     double *matrices; /* allocation behind Jq, Jv, factor */
     void *arena;      /* allocation behind everything else */
     void *blob;
@@ -256,6 +261,7 @@ void ts_close_span(ts_sim *sim);
 
 /* auto.c */
 void ts_review_method(ts_sim *sim, double h);
+void ts_review_rejection(ts_sim *sim);
 void ts_review_restart(ts_sim *sim, double tau);
 
 #endif

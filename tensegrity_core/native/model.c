@@ -285,6 +285,7 @@ static const char *lay_out_matrices(ts_sim *sim)
     size_t real = ts_pattern_factor_size(&sim->pattern), complex = ts_complex_factor_size(&sim->pattern);
     sim->matrices = calloc(2 * size + real + 2 * complex + 1, sizeof(double));
     if (!sim->matrices) return "out of memory";
+    sim->bytes += sizeof(double) * (2 * size + real + 2 * complex);
     sim->Jq = sim->matrices;
     sim->Jv = sim->Jq + size;
     sim->factor = sim->Jv + size;
@@ -327,6 +328,7 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
             count_blocks(sim);
             arena a = {NULL, 0};
             lay_out_arena(sim, &a);
+            sim->bytes = size + a.used;
             sim->arena = a.base = calloc(a.used + 16, 1);
             a.used = 0;
             if (!a.base) reason = "out of memory";

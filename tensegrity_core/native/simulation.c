@@ -7,7 +7,6 @@
 #include <string.h>
 
 #define STATE_MAGIC 0x3154415453534e54u /* "TNSSTAT1" */
-#define DEFAULT_PATIENCE 3 /* stiff steps after which `auto` takes the L-stable method */
 
 static const char *const status_names[] = {
 #define TS_ERROR(name, text) #name,
@@ -171,7 +170,7 @@ int ts_initialize(ts_sim *sim, double time)
     memset(&sim->memory, 0, sizeof sim->memory);
     sim->memory.time = time;
     sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
-    sim->memory.patience = DEFAULT_PATIENCE;
+    sim->memory.patience = TS_PATIENCE;
     sim->memory.method = method;
     sim->memory.started = 1;
     sim->transition_count = 0;
@@ -363,6 +362,7 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     return built ? TS_OK : TS_BAD_MODEL;
 }
 
+size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->bytes; }
 int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
 void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->y, sizeof(double) * (size_t)sim->m.ny); }
 

@@ -72,6 +72,8 @@ TS_API size_t ts_state_size(const ts_sim *sim);
 TS_API int ts_save(const ts_sim *sim, void *bytes, size_t size);
 TS_API int ts_restore(ts_sim *sim, const void *bytes, size_t size);
 
+TS_API size_t ts_memory_size(const ts_sim *sim); /* bytes of a simulation, without its force curves */
+
 /* For tests and analysis; -1 where the parameters allow no force curve.  Generalised state y = [q, qdot, ledger], see motion.c. */
 TS_API int32_t ts_state_length(const ts_sim *sim);
 TS_API void ts_get_state(const ts_sim *sim, double *y);
