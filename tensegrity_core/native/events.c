@@ -9,7 +9,8 @@
 #include <float.h>
 #include <math.h>
 
-#define SAMPLES 8 /* of the dense output where a crossing is suspected */
+#define SAMPLES 8      /* of the dense output where a crossing is suspected */
+#define FEW_SAMPLES 3  /* where the elongation goes the same way at both ends */
 
 /* Put a string on a piece. */
 void ts_place(ts_sim *sim, int i, int piece)
@@ -87,24 +88,30 @@ static void at_theta(const step *s, double theta, int i, double *gap, double *ra
     ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, gap, rate);
 }
 
-static double excess_at(const step *s, double theta, int which)
+/* The excess and, for a crossing of a piece's end, its derivative by theta (else 0). */
+static double excess_at(const step *s, double theta, int which, double *slope)
 {
     double gap, rate;
-    at_theta(s, theta, which % s->sim->m.count[TS_S], &gap, &rate);
+    int S = s->sim->m.count[TS_S];
+    at_theta(s, theta, which % S, &gap, &rate);
+    if (which < S) *slope = s->h * (gap - s->sim->hi[which] > s->sim->lo[which] - gap ? rate : -rate);
+    else *slope = 0.0;
     return excess(s->sim, which, gap, rate);
 }
 
-/* First theta in (a, b] where the excess is positive, given that it is at b and not at a: secant (Illinois) steps inside a
- * shrinking bracket, down to round-off; returns the crossed side. */
+/* First theta in (a, b] where the excess is positive, given that it is at b and not at a: Newton steps, else secant
+ * (Illinois) ones, inside a shrinking bracket, down to round-off; returns the crossed side. */
 static double locate(const step *s, int which, double a, double b)
 {
-    double fa = excess_at(s, a, which), fb = excess_at(s, b, which);
+    double da, db, fa = excess_at(s, a, which, &da), fb = excess_at(s, b, which, &db), c = b - fb / db;
     double enough = which < s->sim->m.count[TS_S] ? s->sim->guard[which] : 0.0;
     if (fa > 0.0) return a;
     for (int n = 0, side = 0; n < 100 && fb > enough && b - a > DBL_EPSILON * b; n++) {
-        double c = n % 8 == 7 ? 0.5 * (a + b) : b - fb * (b - a) / (fb - fa);
+        double dc, fc;
+        if (n % 8 == 7) c = 0.5 * (a + b);
+        else if (!(c > a && c < b)) c = b - fb * (b - a) / (fb - fa);
         if (!(c > a && c < b)) c = 0.5 * (a + b);
-        double fc = excess_at(s, c, which);
+        fc = excess_at(s, c, which, &dc);
         if (fc > 0.0) {
             b = c, fb = fc;
             if (side == 1) fa *= 0.5;
@@ -114,6 +121,7 @@ static double locate(const step *s, int which, double a, double b)
             if (side == -1) fb *= 0.5;
             side = -1;
         }
+        c -= (fc - 0.5 * enough) / dc; /* aims at the crossed side; no number where dc is 0, then the secant takes over */
     }
     return b;
 }
@@ -142,8 +150,8 @@ static double scan(const step *s, int which, double last, int samples)
         at_theta(s, b, i, &gap, &rb);
         if (excess(sim, which, gap, rb) > 0.0) return locate(s, which, a, b);
         if (which < S && ra * rb < 0.0) {
-            double turn = turning_point(s, i, a, ra, b, rb);
-            if (excess_at(s, turn, which) > 0.0) return locate(s, which, a, turn);
+            double turn = turning_point(s, i, a, ra, b, rb), unused;
+            if (excess_at(s, turn, which, &unused) > 0.0) return locate(s, which, a, turn);
         }
         a = b;
         ra = rb;
@@ -177,7 +185,8 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
             method->densify(sim, tau, h);
             sim->dense_ready = 1;
         }
-        double theta = scan(&s, w, first > 1.0 ? 1.0 : first, SAMPLES);
+        int steady = w < S && sim->rate0[i] * sim->rate1[i] > 0.0;
+        double theta = scan(&s, w, first > 1.0 ? 1.0 : first, steady ? FEW_SAMPLES : SAMPLES);
         if (theta > 1.0 && crossed && first > 1.0) theta = 1.0; /* dense output and end differ by round-off */
         if (theta < first) {
             first = theta;

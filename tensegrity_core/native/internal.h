@@ -139,8 +139,8 @@ struct ts_sim {
     int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
 
     /* of the last right-hand side: what it found about the strings */
-    double *x, *xd;          /* (N, D) node positions and velocities, m, m/s */
-    double *s, *sd;          /* (D, lanes) string vectors and their rates, m, m/s */
+    double *x;               /* (N, 2, D) node positions and velocities, m, m/s */
+    double *s, *sd;          /* (D, lanes) string vectors and, behind them, their rates, m, m/s */
     double *over;            /* (lanes) 1/length, 1/m */
     double *gap, *gap_rate;  /* (lanes) elongation and its rate, m, m/s */
     double *fs, *fd;         /* (lanes) elastic and damping tension, N */

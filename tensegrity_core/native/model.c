@@ -83,7 +83,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(sim->Qf, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
     TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->sign_changed, S);
     TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
-    TAKE(sim->x, N * D), TAKE(sim->xd, N * D), TAKE(sim->s, D * lanes), TAKE(sim->sd, D * lanes), TAKE(sim->over, lanes);
+    TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * D * lanes), TAKE(sim->over, lanes);
     TAKE(sim->gap, lanes), TAKE(sim->gap_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);
     TAKE(sim->gap_low, lanes), TAKE(sim->gap_high, lanes), TAKE(sim->node_force, N * D);
     TAKE(sim->gap0, lanes), TAKE(sim->rate0, lanes), TAKE(sim->f0, stride), TAKE(sim->ytmp, stride), TAKE(sim->err, stride);
@@ -96,6 +96,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
 static void share_ahead(ts_sim *sim)
 {
     size_t stride = (size_t)sim->m.stride;
+    sim->sd = sim->s + sim->m.count[TS_D] * sim->m.lanes;
     sim->cont = sim->ahead;
     sim->y1 = sim->cont + 8 * stride;
     sim->f1 = sim->y1 + stride;
@@ -340,7 +341,7 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
         if (!reason) reason = lay_out_bars(m, nodes);
         if (!reason) {
             lay_out_strings(m);
-            memcpy(sim->x, m->anchor, sizeof(double) * (size_t)(N * D)); /* fixed nodes stay there */
+            for (int i = 0; i < N * D; i++) sim->x[i / D * 2 * D + i % D] = m->anchor[i]; /* fixed nodes stay there */
             lay_out_velocity(m, nodes + N * D);
             reason = lay_out_matrices(sim);
         }

@@ -77,30 +77,39 @@ double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
     return sim->piece[i] == 0 || sim->clipped[i] ? 0.0 : *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate;
 }
 
-/* Node positions (or, without anchors, velocities) from the blocks. */
-ALWAYS_INLINE void spread(const ts_model *m, const double *q, double *x, const int anchored, const int D)
+/* Node positions and velocities from the blocks, side by side. */
+ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int D)
 {
     for (int i = 0; i < m->pinned_count; i++) {
         const ts_place_of_bar *p = m->pinned + i;
-        for (int d = 0; d < D; d++) x[p->second * D + d] = (anchored ? m->anchor[p->second * D + d] : 0.0) + q[p->block * D + d];
+        const double *base = m->anchor + p->second * D, *c = q + p->block * D, *cd = v + p->block * D;
+        double *tip = x + 2 * D * p->second;
+        for (int d = 0; d < D; d++) {
+            tip[d] = base[d] + c[d];
+            tip[D + d] = cd[d];
+        }
     }
     for (int i = 0; i < m->floating_count; i++) {
         const ts_place_of_bar *p = m->floating + i;
-        const double *r = q + p->block * D, *b = r + D;
+        const double *r = q + p->block * D, *b = r + D, *rd = v + p->block * D, *bd = rd + D;
+        double *first = x + 2 * D * p->first, *second = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
-            x[p->first * D + d] = r[d] - 0.5 * b[d];
-            x[p->second * D + d] = r[d] + 0.5 * b[d];
+            first[d] = r[d] - 0.5 * b[d];
+            first[D + d] = rd[d] - 0.5 * bd[d];
+            second[d] = r[d] + 0.5 * b[d];
+            second[D + d] = rd[d] + 0.5 * bd[d];
         }
     }
 }
 
-/* String vectors, one array for each axis. */
-ALWAYS_INLINE void difference(const ts_model *m, const double *x, double *s, const int D)
+/* String vectors and their rates, one array for each axis. */
+ALWAYS_INLINE void difference(const ts_model *m, const double *x, double *restrict s, const int D)
 {
-    int lanes = m->lanes;
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        const double *a = x + m->strings[2 * i] * D, *b = x + m->strings[2 * i + 1] * D;
-        for (int d = 0; d < D; d++) s[d * lanes + i] = b[d] - a[d];
+    const int lanes = m->lanes, count = m->count[TS_S];
+    const int32_t *ends = m->strings;
+    for (int i = 0; i < count; i++) {
+        const double *a = x + 2 * D * ends[2 * i], *b = x + 2 * D * ends[2 * i + 1];
+        for (int d = 0; d < 2 * D; d++) s[d * lanes + i] = b[d] - a[d];
     }
 }
 
@@ -169,26 +178,26 @@ static void place_by_elongation(ts_sim *sim)
 ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int D)
 {
     const ts_model *m = &sim->m;
-    spread(m, q, sim->x, 1, D);
-    spread(m, v, sim->xd, 0, D);
+    spread(m, q, v, sim->x, D);
     difference(m, sim->x, sim->s, D);
-    difference(m, sim->xd, sim->sd, D);
     stretch(sim, tau, D);
     if (sim->unlocated) place_by_elongation(sim);
     if (m->count[TS_H]) snap_curves(sim);
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
 }
 
-ALWAYS_INLINE void pull(ts_sim *sim, double *force, const int D)
+ALWAYS_INLINE void pull(const ts_sim *sim, double *restrict force, const int D)
 {
     const ts_model *m = &sim->m;
-    int lanes = m->lanes;
-    memset(force, 0, sizeof(double) * (size_t)(m->count[TS_N] * D));
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        double density = (sim->fs[i] + sim->fd[i]) * sim->over[i], *a = force + m->strings[2 * i] * D,
-               *b = force + m->strings[2 * i + 1] * D;
+    const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];
+    const int32_t *ends = m->strings;
+    const double *fs = sim->fs, *fd = sim->fd, *over = sim->over, *s = sim->s;
+    for (int i = 0; i < nodes * D; i++) force[i] = 0.0;
+    for (int i = 0; i < count; i++) {
+        const double density = (fs[i] + fd[i]) * over[i];
+        double *a = force + ends[2 * i] * D, *b = force + ends[2 * i + 1] * D;
         for (int d = 0; d < D; d++) {
-            double f = density * sim->s[d * lanes + i];
+            double f = density * s[d * lanes + i];
             a[d] += f;
             b[d] -= f;
         }
