@@ -45,6 +45,7 @@ _PROTOTYPES = {
     "ts_save": (c_int, c_void_p, c_char_p, c_size_t),
     "ts_restore": (c_int, c_void_p, c_char_p, c_size_t),
     "ts_memory_size": (c_size_t, c_void_p),
+    "ts_locate": (None, c_void_p, c_int),
     "ts_state_length": (c_int32, c_void_p),
     "ts_get_state": (None, c_void_p, POINTER(c_double)),
     "ts_derivative": (None, c_void_p, c_double, POINTER(c_double), POINTER(c_double)),
@@ -222,6 +223,11 @@ class Kernel:
         if self._library.ts_breakpoints(self._sim, string, None, 0) < 0:
             self.check()
         return string
+
+    def locate_transitions(self, on: bool) -> None:
+        """Analysis only.  False: transitions are no longer located, every evaluation takes the strings' law as one formula,
+        as a solver without events does."""
+        self._library.ts_locate(self._sim, int(on))
 
     def derivative(self, y: np.ndarray, tau: float = 0.0) -> np.ndarray:
         """Right-hand side at a state under the present pieces; tau: time since the last communication point, s."""

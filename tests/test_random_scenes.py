@@ -68,11 +68,12 @@ def test_kernel_and_reference_agree(seed):
     assert ours.ledger_error() < 1e-8 and theirs.ledger_error() < 1e-8
 
 
+@pytest.mark.parametrize("other", ["rodas5p", "radau9", "auto"])
 @pytest.mark.parametrize("seed", range(12))
-def test_both_methods_agree(seed):
+def test_methods_agree(seed, other):
     model = random_model(seed)
     inputs = random_inputs(model, seed)
     a = kernel.simulate(model, inputs, method="dop853", tolerance=1e-11)
-    b = kernel.simulate(model, inputs, method="rodas5p", tolerance=1e-11)
+    b = kernel.simulate(model, inputs, method=other, tolerance=1e-11)
     np.testing.assert_allclose(a.position, b.position, rtol=0, atol=1e-7)
     assert [(t.string, t.before, t.after) for t in a.transitions] == [(t.string, t.before, t.after) for t in b.transitions]

@@ -51,7 +51,7 @@ void ts_review_method(ts_sim *sim, double h)
 void ts_review_rejection(ts_sim *sim)
 {
     ts_memory *memory = &sim->memory;
-    if (memory->method != TS_METHOD_AUTO || memory->active == TS_METHOD_DOP853 || sim->rejected < 2) return;
+    if (memory->method != TS_METHOD_AUTO || memory->active == TS_METHOD_DOP853 || sim->memory.rejected < 2) return;
     return_to_explicit(memory, memory->h_explicit);
 }
 

@@ -65,7 +65,7 @@ static void watch_stiffness(ts_sim *sim, double h)
     }
     int stiff = state > 0.0 && h * h * force > STIFF * STIFF * state;
     if (stiff) sim->memory.stiff += sim->memory.stiff < 1000;
-    else if (sim->memory.stiff > 0 && !sim->rejected) sim->memory.stiff--;
+    else if (sim->memory.stiff > 0 && !sim->memory.rejected) sim->memory.stiff--;
 }
 
 static void accept(ts_sim *sim, double tau, double h)

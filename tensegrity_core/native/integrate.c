@@ -112,7 +112,7 @@ static void restart(ts_sim *sim, double tau)
     memcpy(sim->gap0, sim->gap, bytes);
     memcpy(sim->rate0, sim->gap_rate, bytes);
     sim->jacobian_ready = 0;
-    sim->joined = 0.0;
+    sim->memory.joined = 0.0;
 }
 
 /* An attempt succeeded: find its first transition; the step is open then. */
@@ -126,7 +126,7 @@ static void open_span(ts_sim *sim, const ts_method *method, double tau, double h
     memcpy(sim->rate1, sim->gap_rate, bytes);
     memcpy(sim->cont, sim->y, sizeof(double) * (size_t)sim->m.stride);
     sim->dense_ready = 0;
-    sim->joined = 0.0;
+    sim->memory.joined = 0.0;
     if (method->flags & TS_ALWAYS_DENSE) make_dense(sim, method, tau, h);
     int which = -1;
     double theta = locate ? ts_first_transition(sim, method, tau, h, &which) : -1.0;
@@ -145,12 +145,14 @@ static int close_span(ts_sim *sim, double tau)
         sim->memory.stats[TS_RESTARTS]++;
         ts_switch(sim, tau, span.which);
         restart(sim, tau);
+        ts_review_restart(sim, tau);
         return 1;
     }
     to_the_end(sim, &span);
     memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.stride);
     memcpy(sim->gap0, sim->gap1, bytes);
     memcpy(sim->rate0, sim->rate1, bytes);
+    ts_review_method(sim, span.h);
     return 0;
 }
 
@@ -223,12 +225,12 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     if (!(err <= 1.0)) {
         memory->stats[TS_REJECTED]++;
         memory->h_next = h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : sim->shrink);
-        sim->rejected++;
+        sim->memory.rejected++;
         ts_review_rejection(sim);
         return 0;
     }
     double grow = err > 0.0 ? fmin(sim->growth, SAFETY * pow(err, -method->exponent)) : sim->growth;
-    if (sim->rejected && grow > 1.0) grow = 1.0;
+    if (sim->memory.rejected && grow > 1.0) grow = 1.0;
     if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
     memory->stats[TS_STEPS]++;
     memory->stats[TS_IMPLICIT_STEPS] += (method->flags & TS_IMPLICIT) != 0;
@@ -242,7 +244,6 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     double tau = 0.0;
     int stuck = 0;
     plan p = make_plan(sim, end, may_run_ahead);
-    sim->rejected = 0;
     if (use_open_span(sim, end, &tau)) return TS_OK;
     for (int i = 0; i < 2 * sim->m.nq; i++)
         if (!isfinite(sim->f0[i])) return fail(sim, TS_NOT_FINITE);
@@ -251,7 +252,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         if (n >= TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
         int fixed = (method->flags & TS_FIXED_STEP) != 0;
-        if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, fmin(end - tau, p.longest));
+        if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, p.ahead ? p.longest : fmin(end - tau, p.longest));
         double h = next_step(sim, method, &p, tau, &last);
         if (!(h > 4.0 * DBL_EPSILON * (tau + h)) || !(h > DBL_MIN)) return fail(sim, TS_STEP_TOO_SMALL);
         if (!try_step(sim, method, tau, h, last)) {
@@ -260,7 +261,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         }
         int locate = !sim->unlocated && (!method->splits || p.splits < method->splits);
         open_span(sim, method, tau, h, locate);
-        sim->rejected = 0;
+        sim->memory.rejected = 0;
         double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
         if (reached > end * (1.0 + ROUND_OFF)) {
             state_at(sim, &memory->span, (end - tau) / h);
@@ -269,7 +270,6 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         }
         if (end - reached <= ROUND_OFF * end) reached = end; /* no step fits between a transition and the end */
         if (close_span(sim, reached)) {
-            ts_review_restart(sim, reached);
             stuck = reached > tau ? 0 : stuck + 1;
             p.splits++;
             if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, TS_CHATTERING);
@@ -279,7 +279,6 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
                 ts_catch_up(sim, reached);
                 restart(sim, reached);
             }
-            ts_review_method(sim, h);
         }
         tau = reached;
     }

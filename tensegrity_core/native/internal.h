@@ -101,6 +101,9 @@ typedef struct {
     double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
     double h_explicit; /* s, the last step before `auto` left the explicit method */
     ts_span span;
+    double joined;   /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
+    int32_t rejected; /* attempts in a row that were */
+    int32_t spare;
     int32_t active;   /* method in use */
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
     int32_t patience; /* how many of them make `auto` leave the explicit method */
@@ -165,8 +168,6 @@ struct ts_sim {
     double *ft, *lin;            /* (nq), (6 nq) */
     double *backup;       /* (n_real + n_applied + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
-    int32_t rejected;       /* attempts in a row that were */
-    double joined;          /* h of the step that ended where the present one starts, its dense output at hand; or 0 */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
     int32_t force_jumps;    /* the last transition made the force of a damper jump */
     int32_t dense_ready;    /* densify() has been called for the step at hand */

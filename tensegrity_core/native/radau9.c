@@ -40,8 +40,8 @@ static void guess(ts_sim *sim, double h, double *Z)
     int nq = sim->m.nq, stride = sim->m.stride;
     memset(Z, 0, sizeof(double) * (size_t)(STAGES * stride));
     for (int s = 0; s < STAGES; s++, Z += stride)
-        if (sim->joined > 0.0) {
-            interpolate(sim, 1.0 + C[s] * h / sim->joined, 0, 2 * nq, Z);
+        if (sim->memory.joined > 0.0) {
+            interpolate(sim, 1.0 + C[s] * h / sim->memory.joined, 0, 2 * nq, Z);
             for (int i = 0; i < 2 * nq; i++) Z[i] -= sim->y[i];
         } else {
             for (int i = 0; i < nq; i++) Z[i] = C[s] * h * sim->y[nq + i];
@@ -134,7 +134,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     const double *last = Z + (STAGES - 1) * stride;
     for (int i = 0; i < 2 * nq; i++) sim->y1[i] = sim->y[i] + last[i];
     double err = estimate(sim, h, Z, sim->f0);
-    if (err > 1.0 && !(sim->joined > 0.0)) { /* a transient begins: filter once more */
+    if (err > 1.0 && !(sim->memory.joined > 0.0)) { /* a transient begins: filter once more */
         for (int i = 0; i < 2 * nq; i++) sim->ytmp[i] = sim->y[i] + sim->err[i];
         ts_rhs(sim, tau, sim->ytmp, sim->f1);
         err = estimate(sim, h, Z, sim->f1);
@@ -153,7 +153,7 @@ static void densify(ts_sim *sim, double tau, double h)
     sum_stages(DENSE[2], STAGES, sim->k, stride, 1.0, n, sim->cont + 3 * stride);
     sum_stages(DENSE[3], STAGES, sim->k, stride, 1.0, n, sim->cont + 4 * stride);
     sum_stages(DENSE[4], STAGES, sim->k, stride, 1.0, n, sim->cont + 5 * stride);
-    sim->joined = h;
+    sim->memory.joined = h;
 }
 
 const ts_method ts_radau9 = {

@@ -363,6 +363,7 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
 }
 
 size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->bytes; }
+void ts_locate(ts_sim *sim, int on) { sim->unlocated = !on; }
 int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
 void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->y, sizeof(double) * (size_t)sim->m.ny); }
 

@@ -75,6 +75,7 @@ TS_API int ts_restore(ts_sim *sim, const void *bytes, size_t size);
 TS_API size_t ts_memory_size(const ts_sim *sim); /* bytes of a simulation, without its force curves */
 
 /* For tests and analysis; -1 where the parameters allow no force curve.  Generalised state y = [q, qdot, ledger], see motion.c. */
+TS_API void ts_locate(ts_sim *sim, int on); /* 0: transitions are not located, every evaluation takes the law as one formula */
 TS_API int32_t ts_state_length(const ts_sim *sim);
 TS_API void ts_get_state(const ts_sim *sim, double *y);
 TS_API void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy);
