@@ -71,6 +71,7 @@ INTEGER_FIELDS = (
 )
 
 #: Integration methods and what they are, in one line each; a method's place is its number in the kernel and in the FMUs.
+#: Adding one: its line here, then ``python -m tensegrity_core.fields``, and native/NAME.c with the table `ts_NAME`.
 METHOD_MEANINGS = {
     "auto": "explicit, and implicit where the motion is stiff",
     "dop853": "explicit Runge-Kutta method of order 8 by Dormand and Prince",
@@ -127,6 +128,7 @@ def c_header() -> str:
         "#undef TS_NAME",
         "",
         "enum { " + ", ".join(f"TS_METHOD_{name.upper()}" for name in METHODS) + ", TS_METHOD_COUNT };",
+        "#define TS_METHODS(X) " + " ".join(f"X({name.upper()}, {name})" for name in METHODS if name != "auto"),
         "enum { " + ", ".join(f"TS_{name.upper()}" for name in DAMPING_LAWS) + " };",
         "",
         "#endif",

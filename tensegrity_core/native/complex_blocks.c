@@ -1,6 +1,6 @@
-/* Block-sparse factorisation W = L D U of a complex matrix, row by row as in blocks.c: both triangles have unit diagonals,
- * pivots are sought inside the diagonal blocks only, a row stands scattered in the work space while earlier ones are
- * subtracted.
+/* Block-sparse LU of a complex matrix, row by row as in blocks.c: the diagonal block that is left of a row is factorised as
+ * P S = G E H with G and H unit triangular and E diagonal, and the rest of the row divided by P, G and E, so that only H
+ * remains to be applied in a solution.
  *
  * A complex number is one pair.  A product a b is (a.re, a.re) b + swap((a.im, -a.im) b); in a sum of products the two parts
  * are summed apart and swapped once.  Each further product then costs two multiplications and two additions of pairs, which
@@ -15,7 +15,7 @@
 /* Largest growth times loss, see accept_pivot(): rounding of 1e-16 then still leaves about three digits. */
 #define WORST 1e13
 
-/* Range of the squared magnitudes by which reciprocals divide.  Beyond it they may have overflowed or lost digits. */
+/* Range of the squared magnitudes by which reciprocal() divides. */
 #define LEAST 1e-290
 #define MOST 1e290
 
@@ -55,20 +55,15 @@ ALWAYS_INLINE factor_pair spread(pair a)
     return (factor_pair){{a[0], a[0]}, conjugate((pair){a[1], a[1]})};
 }
 
-/* a b; a b + c d; a b - c d */
 ALWAYS_INLINE pair times(factor_pair a, pair b)
 {
     return a.re * b + swap(a.im * b);
 }
 
-ALWAYS_INLINE pair times_plus(factor_pair a, pair b, factor_pair c, pair d)
+/* b - a c */
+ALWAYS_INLINE pair minus_times(pair b, factor_pair a, pair c)
 {
-    return (a.re * b + c.re * d) + swap(a.im * b + c.im * d);
-}
-
-ALWAYS_INLINE pair times_minus(factor_pair a, pair b, factor_pair c, pair d)
-{
-    return (a.re * b - c.re * d) + swap(a.im * b - c.im * d);
+    return b - times(a, c);
 }
 
 /* |a|^2, twice. */
@@ -88,14 +83,8 @@ ALWAYS_INLINE pair absolute(pair a)
 #define NUMBER(block, i) ((block) + 2 * (i))
 #define PART(vector, i) ((vector) + (size_t)(i) * (size_t)(2 * D))
 
-/* The numbers of a block, ready to be first factors. */
-ALWAYS_INLINE void spread_block(factor_pair *a, const double *A, const int D)
-{
-    for (int d = 0; d < D * D; d++) a[d] = spread(load(NUMBER(A, d)));
-}
-
-/* C = A B, or C -= A B, with A spread. */
-ALWAYS_INLINE void product(const factor_pair *a, const double *B, double *C, const int subtract, const int D)
+/* C -= A B, with A spread. */
+ALWAYS_INLINE void subtract_product(const factor_pair *a, const double *B, double *C, const int D)
 {
     pair b[9];
     for (int d = 0; d < D * D; d++) b[d] = load(NUMBER(B, d));
@@ -108,7 +97,7 @@ ALWAYS_INLINE void product(const factor_pair *a, const double *B, double *C, con
                 re += row[2].re * b[6 + j];
                 im += row[2].im * b[6 + j];
             }
-            store(c, subtract ? load(c) - (re + swap(im)) : re + swap(im));
+            store(c, load(c) - (re + swap(im)));
         }
     }
 }
@@ -126,67 +115,129 @@ ALWAYS_INLINE double magnitude(const double *A, const int D)
     return even[0] + even[1];
 }
 
-ALWAYS_INLINE int divisible(pair squared)
+/* |re| + |im| */
+ALWAYS_INLINE double size_of(const double *x)
 {
-    return squared[0] >= LEAST && squared[0] <= MOST;
+    return fabs(x[0]) + fabs(x[1]);
 }
 
-/* 1 / a, whose squared magnitude is known. */
-ALWAYS_INLINE pair reciprocal(pair a, pair squared)
+ALWAYS_INLINE double size_of_pair(pair a)
 {
+    pair sizes = absolute(a);
+    return sizes[0] + sizes[1];
+}
+
+/* 1 / a; not a number where squares may have overflowed or lost digits. */
+ALWAYS_INLINE pair reciprocal(pair a)
+{
+    pair squared = squared_magnitude(a);
+    if (!(squared[0] >= LEAST && squared[0] <= MOST)) squared[0] = squared[1] = NAN;
     return conjugate(a) / squared;
 }
 
-/* X = A^-1 for D = 2; 0 where A is singular or its numbers are out of range. */
-ALWAYS_INLINE int invert2(const double *A, double *X)
+/* A diagonal block S is kept as P S = G E H in one block F: the numbers of G below the diagonal, E^-1 on it, those of H
+ * above.  P is a number too: row d of P S is row exchanged[P][d] of S. */
+static const int exchanged[6][3] = {{0, 1, 2}, {1, 0, 2}, {2, 1, 0}, {0, 2, 1}, {1, 2, 0}, {2, 0, 1}};
+
+/* F and P of S; E^-1 is not finite where S is singular. */
+ALWAYS_INLINE int factorise2(const double *S, double *F)
 {
-    pair a = load(A), b = load(A + 2), c = load(A + 4), d = load(A + 6);
-    pair determinant = times_minus(spread(a), d, spread(b), c);
-    pair squared = squared_magnitude(determinant);
-    factor_pair r = spread(reciprocal(determinant, squared));
-    store(X, times(r, d));
-    store(X + 2, -times(r, b));
-    store(X + 4, -times(r, c));
-    store(X + 6, times(r, a));
-    return divisible(squared);
+    const int P = size_of(NUMBER(S, 2)) > size_of(S);
+    const double *S0 = S + 4 * P, *S1 = S + 4 * (1 - P);
+    pair s01 = load(NUMBER(S0, 1)), e0 = reciprocal(load(S0));
+    factor_pair e = spread(e0);
+    pair g10 = times(e, load(S1));
+    store(F, e0);
+    store(NUMBER(F, 1), times(e, s01));
+    store(NUMBER(F, 2), g10);
+    store(NUMBER(F, 3), reciprocal(minus_times(load(NUMBER(S1, 1)), spread(g10), s01)));
+    return P;
 }
 
-/* The same for D = 3: one step of elimination with the pivot in row `first`, then the 2 x 2 formula on what is left. */
-ALWAYS_INLINE int invert3_from(const double *A, double *X, const int first, const int second, const int third)
+#define SWAP(a, b) do { pair other = a; a = b; b = other; } while (0)
+
+/* The same where the first pivot is in row `first`. */
+ALWAYS_INLINE int factorise3_from(const double *S, double *F, const int first, const int second, const int third)
 {
-    const double *A0 = A + 6 * first, *A1 = A + 6 * second, *A2 = A + 6 * third;
-    double *X0 = X + 2 * first, *X1 = X + 2 * second, *X2 = X + 2 * third;
-    pair a00 = load(A0), a01 = load(A0 + 2), a02 = load(A0 + 4);
-    pair squared = squared_magnitude(a00), r = reciprocal(a00, squared);
-    factor_pair by_r = spread(r);
-    factor_pair l1 = spread(times(by_r, load(A1))), l2 = spread(times(by_r, load(A2)));
-    factor_pair u1 = spread(times(by_r, a01)), u2 = spread(times(by_r, a02));
-    pair s11 = load(A1 + 2) - times(l1, a01), s12 = load(A1 + 4) - times(l1, a02);
-    pair s21 = load(A2 + 2) - times(l2, a01), s22 = load(A2 + 4) - times(l2, a02);
-    pair determinant = times_minus(spread(s11), s22, spread(s12), s21);
-    pair squared_determinant = squared_magnitude(determinant);
-    factor_pair d = spread(reciprocal(determinant, squared_determinant));
-    pair x11 = times(d, s22), y12 = times(d, s12), y21 = times(d, s21), x22 = times(d, s11);
-    pair x01 = times_minus(u2, y21, u1, x11), x02 = times_minus(u1, y12, u2, x22);
-    store(X0, r - times_plus(l1, x01, l2, x02));
-    store(X1, x01);
-    store(X2, x02);
-    store(X0 + 6, times_minus(l2, y12, l1, x11));
-    store(X1 + 6, x11);
-    store(X2 + 6, -y12);
-    store(X0 + 12, times_minus(l1, y21, l2, x22));
-    store(X1 + 12, -y21);
-    store(X2 + 12, x22);
-    return divisible(squared) && divisible(squared_determinant);
+    const double *S0 = NUMBER(S, 3 * first), *S1 = NUMBER(S, 3 * second), *S2 = NUMBER(S, 3 * third);
+    int P = first;
+    pair s01 = load(NUMBER(S0, 1)), s02 = load(NUMBER(S0, 2)), e0 = reciprocal(load(S0));
+    factor_pair e = spread(e0);
+    pair g10 = times(e, load(S1)), g20 = times(e, load(S2));
+    factor_pair g1 = spread(g10), g2 = spread(g20);
+    pair s11 = minus_times(load(NUMBER(S1, 1)), g1, s01), s12 = minus_times(load(NUMBER(S1, 2)), g1, s02);
+    pair s21 = minus_times(load(NUMBER(S2, 1)), g2, s01), s22 = minus_times(load(NUMBER(S2, 2)), g2, s02);
+    store(F, e0);
+    store(NUMBER(F, 1), times(e, s01));
+    store(NUMBER(F, 2), times(e, s02));
+    if (size_of_pair(s21) > size_of_pair(s11)) {
+        P += 3;
+        SWAP(s11, s21);
+        SWAP(s12, s22);
+        SWAP(g10, g20);
+    }
+    pair e1 = reciprocal(s11);
+    e = spread(e1);
+    pair g21 = times(e, s21);
+    store(NUMBER(F, 3), g10);
+    store(NUMBER(F, 4), e1);
+    store(NUMBER(F, 5), times(e, s12));
+    store(NUMBER(F, 6), g20);
+    store(NUMBER(F, 7), g21);
+    store(NUMBER(F, 8), reciprocal(minus_times(s22, spread(g21), s12)));
+    return P;
 }
 
-/* Partial pivoting: the largest of the first column, by the sum of its parts' magnitudes. */
-ALWAYS_INLINE int invert3(const double *A, double *X)
+ALWAYS_INLINE int factorise3(const double *S, double *F)
 {
-    double size0 = fabs(A[0]) + fabs(A[1]), size1 = fabs(A[6]) + fabs(A[7]), size2 = fabs(A[12]) + fabs(A[13]);
-    if (size1 > size0 && size1 >= size2) return invert3_from(A, X, 1, 0, 2);
-    if (size2 > size0) return invert3_from(A, X, 2, 1, 0);
-    return invert3_from(A, X, 0, 1, 2);
+    double size0 = size_of(S), size1 = size_of(NUMBER(S, 3)), size2 = size_of(NUMBER(S, 6));
+    if (size1 > size0 && size1 >= size2) return factorise3_from(S, F, 1, 0, 2);
+    if (size2 > size0) return factorise3_from(S, F, 2, 1, 0);
+    return factorise3_from(S, F, 0, 1, 2);
+}
+
+/* Sum of the magnitudes of E^-1. */
+ALWAYS_INLINE double inverse_magnitude(const double *F, const int D)
+{
+    pair sum = absolute(load(F)) + absolute(load(NUMBER(F, D + 1)));
+    if (D == 3) sum += absolute(load(NUMBER(F, 8)));
+    return sum[0] + sum[1];
+}
+
+/* L = A H^-1, and its numbers spread. */
+ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, factor_pair *spreaded, const int D)
+{
+    pair h01 = load(NUMBER(F, 1)), h02 = h01, h12 = h01;
+    if (D == 3) h02 = load(NUMBER(F, 2)), h12 = load(NUMBER(F, 5));
+    for (int i = 0; i < D; i++, A += 2 * D, L += 2 * D, spreaded += D) {
+        pair l0 = load(A);
+        factor_pair f0 = spread(l0);
+        pair l1 = minus_times(load(NUMBER(A, 1)), f0, h01);
+        factor_pair f1 = spread(l1);
+        store(L, l0);
+        store(NUMBER(L, 1), l1);
+        spreaded[0] = f0;
+        spreaded[1] = f1;
+        if (D == 2) continue;
+        pair l2 = load(NUMBER(A, 2)) - (f0.re * h02 + f1.re * h12) - swap(f0.im * h02 + f1.im * h12);
+        store(NUMBER(L, 2), l2);
+        spreaded[2] = spread(l2);
+    }
+}
+
+/* B = E^-1 G^-1 P A; B may be A. */
+ALWAYS_INLINE void divide_left(const double *A, const factor_pair *f, int P, double *B, const int D)
+{
+    const double *A0 = A + 2 * D * exchanged[P][0], *A1 = A + 2 * D * exchanged[P][1], *A2 = A + 2 * D * exchanged[P][2];
+    for (int j = 0; j < D; j++) {
+        pair r0 = load(NUMBER(A0, j)), r1 = load(NUMBER(A1, j)), r2 = D == 3 ? load(NUMBER(A2, j)) : r1;
+        r1 = minus_times(r1, f[D], r0);
+        store(NUMBER(B, j), times(f[0], r0));
+        store(NUMBER(B, D + j), times(f[D + 1], r1));
+        if (D == 2) continue;
+        r2 -= (f[6].re * r0 + f[7].re * r1) + swap(f[6].im * r0 + f[7].im * r1);
+        store(NUMBER(B, 6 + j), times(f[8], r2));
+    }
 }
 
 /* Row i of W, scattered into the work space. */
@@ -223,37 +274,39 @@ ALWAYS_INLINE int factorise(const ts_pattern *p, pair mu, const double *Jq, cons
 {
     const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
     const int32_t *const entry = p->entry, *const fill_first = p->fill_first, *const fill = p->fill;
-    double *work = BLOCK(factor, p->entries);
+    double *work = BLOCK(factor, p->entries), *exchange = BLOCK(work, n); /* (n) blocks; (n) P of each row */
     quality q = {1.0, 1.0};
-    factor_pair spreaded[9];
-    int32_t e = 0;
-    for (int32_t r = 0; r < n; r++) {
+    for (int32_t r = 0, first = 0; r < n; r++) {
         const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        double *own = BLOCK(work, i), *X = BLOCK(factor, middle);
+        double *S = BLOCK(work, i), *F = BLOCK(factor, middle);
+        factor_pair spreaded[9];
         for (int32_t f = fill_first[r]; f < fill_first[r + 1]; f++)
             for (int d = 0; d < D * D; d++) store(NUMBER(BLOCK(work, fill[f]), d), (pair){0.0, 0.0});
         scatter(p, i, mu, Jq, Jv, work, D);
-        const double initial = magnitude(own, D);
+        const double initial = magnitude(S, D);
         double largest = initial;
-        for (; e < middle; e++) {
+        for (int32_t e = first; e < middle; e++) {
             const int32_t k = entry[e], k_middle = diagonal[k], k_last = end[k];
-            spread_block(spreaded, BLOCK(work, k), D);
-            product(spreaded, BLOCK(factor, k_middle), BLOCK(factor, e), 0, D);
-            for (int32_t u = k_middle + 1; u < k_last; u++) product(spreaded, BLOCK(factor, u), BLOCK(work, entry[u]), 1, D);
-            double now = magnitude(own, D);
+            divide_right(BLOCK(work, k), BLOCK(factor, k_middle), BLOCK(factor, e), spreaded, D);
+            for (int32_t u = k_middle + 1; u < k_last; u++)
+                subtract_product(spreaded, BLOCK(factor, u), BLOCK(work, entry[u]), D);
+            double now = magnitude(S, D);
             if (now > largest) largest = now;
         }
-        if (!(D == 2 ? invert2(own, X) : invert3(own, X))) return 0;
-        if (!accept_pivot(&q, initial, largest, magnitude(X, D))) return 0;
-        spread_block(spreaded, X, D);
-        for (e++; e < last; e++) product(spreaded, BLOCK(work, entry[e]), BLOCK(factor, e), 0, D);
+        const int P = D == 2 ? factorise2(S, F) : factorise3(S, F);
+        if (!accept_pivot(&q, initial, largest, inverse_magnitude(F, D))) return 0;
+        exchange[i] = P;
+        for (int d = 0; d < D * D; d++) spreaded[d] = spread(load(NUMBER(F, d)));
+        for (int32_t e = first; e < middle; e++) divide_left(BLOCK(factor, e), spreaded, P, BLOCK(factor, e), D);
+        for (int32_t e = middle + 1; e < last; e++) divide_left(BLOCK(work, entry[e]), spreaded, P, BLOCK(factor, e), D);
+        first = last;
     }
     return 1;
 }
 
 size_t ts_complex_factor_size(const ts_pattern *p)
 {
-    return 2 * ts_pattern_factor_size(p);
+    return ((size_t)p->entries + (size_t)p->n) * (size_t)(2 * p->D * p->D) + (size_t)p->n;
 }
 
 int ts_complex_factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor)
@@ -267,49 +320,78 @@ typedef struct {
     pair re[3], im[3];
 } sums;
 
-/* s = A v where A is the first block, else s -= A v. */
-ALWAYS_INLINE void accumulate(sums *s, const double *A, const double *v, const int first, const int D)
+/* s = E^-1 G^-1 P v */
+ALWAYS_INLINE void start_lower(sums *s, const double *F, int P, const double *v, const int D)
+{
+    pair v0 = load(NUMBER(v, exchanged[P][0]));
+    pair v1 = minus_times(load(NUMBER(v, exchanged[P][1])), spread(load(NUMBER(F, D))), v0);
+    s->re[0] = times(spread(load(F)), v0);
+    s->re[1] = times(spread(load(NUMBER(F, D + 1))), v1);
+    s->im[0] = s->im[1] = s->im[2] = s->re[2] = (pair){0.0, 0.0};
+    if (D == 2) return;
+    pair v2 = minus_times(load(NUMBER(v, exchanged[P][2])), spread(load(NUMBER(F, 6))), v0);
+    s->re[2] = times(spread(load(NUMBER(F, 8))), minus_times(v2, spread(load(NUMBER(F, 7))), v1));
+}
+
+/* s = v */
+ALWAYS_INLINE void start_upper(sums *s, const double *v, const int D)
+{
+    for (int d = 0; d < D; d++) {
+        s->re[d] = load(NUMBER(v, d));
+        s->im[d] = (pair){0.0, 0.0};
+    }
+}
+
+/* s -= A v */
+ALWAYS_INLINE void subtract(sums *s, const double *A, const double *v, const int D)
 {
     for (int j = 0; j < D; j++) {
         factor_pair x = spread(load(NUMBER(v, j)));
         for (int d = 0; d < D; d++) {
             pair a = load(NUMBER(A, d * D + j));
-            if (first) {
-                s->re[d] = j == 0 ? a * x.re : s->re[d] + a * x.re;
-                s->im[d] = j == 0 ? a * x.im : s->im[d] + a * x.im;
-            } else {
-                s->re[d] -= a * x.re;
-                s->im[d] -= a * x.im;
-            }
+            s->re[d] -= a * x.re;
+            s->im[d] -= a * x.im;
         }
     }
 }
 
-ALWAYS_INLINE void store_total(double *v, const sums *s, const int D)
+ALWAYS_INLINE pair total(const sums *s, int d)
 {
-    for (int d = 0; d < D; d++) store(NUMBER(v, d), s->re[d] + swap(s->im[d]));
+    return s->re[d] + swap(s->im[d]);
+}
+
+/* v = H^-1 s */
+ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *v, const int D)
+{
+    pair v0 = total(s, 0), v1 = total(s, 1);
+    if (D == 3) {
+        pair v2 = total(s, 2);
+        v1 = minus_times(v1, spread(load(NUMBER(F, 5))), v2);
+        v0 = minus_times(v0, spread(load(NUMBER(F, 2))), v2);
+        store(NUMBER(v, 2), v2);
+    }
+    store(v, minus_times(v0, spread(load(NUMBER(F, 1))), v1));
+    store(NUMBER(v, 1), v1);
 }
 
 ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
 {
     const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end, *const entry = p->entry;
+    const double *exchange = BLOCK(factor, p->entries + n);
+    sums s;
     for (int32_t r = 0, e = 0; r < n; r++) {
         const int32_t i = order[r], middle = diagonal[i];
-        sums s;
-        for (int d = 0; d < D; d++) {
-            s.re[d] = load(NUMBER(PART(b, i), d));
-            s.im[d] = (pair){0.0, 0.0};
-        }
-        for (; e < middle; e++) accumulate(&s, BLOCK(factor, e), PART(b, entry[e]), 0, D);
-        store_total(PART(b, i), &s, D);
+        double *v = PART(b, i);
+        start_lower(&s, BLOCK(factor, middle), (int)exchange[i], v, D);
+        for (; e < middle; e++) subtract(&s, BLOCK(factor, e), PART(b, entry[e]), D);
+        for (int d = 0; d < D; d++) store(NUMBER(v, d), total(&s, d));
         e = end[i];
     }
     for (int32_t r = n; r-- > 0;) {
         const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        sums s;
-        accumulate(&s, BLOCK(factor, middle), PART(b, i), 1, D);
-        for (int32_t e = middle + 1; e < last; e++) accumulate(&s, BLOCK(factor, e), PART(b, entry[e]), 0, D);
-        store_total(PART(b, i), &s, D);
+        start_upper(&s, PART(b, i), D);
+        for (int32_t e = middle + 1; e < last; e++) subtract(&s, BLOCK(factor, e), PART(b, entry[e]), D);
+        finish_upper(&s, BLOCK(factor, middle), PART(b, i), D);
     }
 }
 

@@ -10,10 +10,9 @@
 #define ROUND_OFF (8.0 * DBL_EPSILON)
 #define FIXED_STEP 1e-3 /* s, where none is given */
 
-static const ts_method *const methods[TS_METHOD_COUNT] = {
-    [TS_METHOD_DOP853] = &ts_dop853, [TS_METHOD_RODAS5P] = &ts_rodas5p, [TS_METHOD_RADAU9] = &ts_radau9,
-    [TS_METHOD_RK4] = &ts_rk4, [TS_METHOD_ROS2] = &ts_ros2,
-};
+#define TS_METHOD(NAME, name) [TS_METHOD_##NAME] = &ts_##name,
+static const ts_method *const methods[TS_METHOD_COUNT] = {TS_METHODS(TS_METHOD)};
+#undef TS_METHOD
 
 static int fail(ts_sim *sim, int status)
 {

@@ -189,8 +189,8 @@ enum {
     TS_LEDGER_IN_STAGES = 4, /* the ledger's integrals are among the stages; else the driver integrates the dense output */
 };
 
-/* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, a name in fields.py, a
- * row in `methods` of integrate.c. */
+/* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, and a line in
+ * fields.py. */
 typedef struct {
     const char *name;
     double exponent;    /* of the error in the step size control */
@@ -207,7 +207,9 @@ typedef struct {
     void (*interpolate)(const ts_sim *sim, double theta, int first, int count, double *out);
 } ts_method;
 
-extern const ts_method ts_dop853, ts_rodas5p, ts_rk4, ts_ros2, ts_radau9;
+#define TS_METHOD(NAME, name) extern const ts_method ts_##name;
+TS_METHODS(TS_METHOD)
+#undef TS_METHOD
 
 /* nsh.c */
 int ts_curve_build(ts_curve *c, int n, const double *Q, const double *zeta, const double *h);
