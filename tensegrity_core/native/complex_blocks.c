@@ -376,7 +376,8 @@ ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *v, const
 
 ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
 {
-    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end, *const entry = p->entry;
+    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
+    const int32_t *const entry = p->entry;
     const double *exchange = BLOCK(factor, p->entries + n);
     sums s;
     for (int32_t r = 0, e = 0; r < n; r++) {

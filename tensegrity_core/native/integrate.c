@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define SAFETY 0.9
+#define LEAST_ERROR 1e-4 /* that the control remembers */
 #define SHRINK 0.2     /* smallest factor of the step after a rejection */
 #define ROUND_OFF (8.0 * DBL_EPSILON)
 #define FIXED_STEP 1e-3 /* s, where none is given */
@@ -211,6 +212,14 @@ static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
     return p;
 }
 
+/* Factor of the step by the errors of this one and of the one before (Hairer, Wanner, Solving Ordinary Differential Equations
+ * II, section IV.2). */
+static double controlled(const ts_method *method, double err, double last)
+{
+    if (method->smoothing == 0.0) return pow(err, -method->exponent);
+    return pow(err, 0.75 * method->smoothing - method->exponent) * pow(fmax(last, LEAST_ERROR), method->smoothing);
+}
+
 /* Try a step; 1 if it may stand.  The controller's next proposal stands in memory.h_next. */
 static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, int last)
 {
@@ -228,7 +237,8 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
         ts_review_rejection(sim);
         return 0;
     }
-    double grow = err > 0.0 ? fmin(sim->growth, SAFETY * pow(err, -method->exponent)) : sim->growth;
+    double grow = err > 0.0 ? fmin(sim->growth, SAFETY * controlled(method, err, memory->err_last)) : sim->growth;
+    memory->err_last = err;
     if (sim->memory.rejected && grow > 1.0) grow = 1.0;
     if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
     memory->stats[TS_STEPS]++;

@@ -102,6 +102,7 @@ typedef struct {
     double h_explicit; /* s, the last step before `auto` left the explicit method */
     ts_span span;
     double joined;   /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
+    double err_last; /* of the last accepted step, in units of the tolerance */
     int32_t rejected; /* attempts in a row that were */
     int32_t spare;
     int32_t active;   /* method in use */
@@ -195,6 +196,7 @@ typedef struct {
     const char *name;
     double exponent;    /* of the error in the step size control */
     double growth;      /* largest growth of the step */
+    double smoothing;   /* exponent of the last step's error there (Gustafsson): fewer rejections */
     int flags;
     int splits;         /* transitions located in one step at most; 0: all */
     /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
