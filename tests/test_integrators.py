@@ -152,6 +152,13 @@ def test_fixed_steps_divide_the_communication_step_evenly(method, max_step, h, c
     assert kernel.stats["steps"] == count
 
 
+def test_an_unstable_fixed_step_is_named():
+    kernel = pushed(changed(scene("six_bar"), 5000), method="rk4", max_step=1e-3)
+    with pytest.raises(SimulationError, match="unstable.*shorter"):
+        advance(kernel, 1000, 0.01)
+    assert np.isfinite(kernel.values).all()
+
+
 @pytest.mark.parametrize("damping", [0, 50, 1e5])
 @pytest.mark.parametrize("stiffness", [5e3, 1e7])
 def test_ros2_has_a_bounded_cost_and_stays_stable(damping, stiffness):

@@ -9,8 +9,9 @@
 /* Doubles in a complex factor, its work space included. */
 size_t ts_complex_factor_size(const ts_pattern *p);
 
-/* Factorise W for mu = re + i im.  0 where W is singular or not finite, or where elimination without pivoting between blocks
- * loses all but a few digits; the factor is then unusable.  Matrices and factor must not overlap. */
+/* Factorise W for mu = re + i im.  0 where W is singular or not finite, where elimination without pivoting between blocks loses
+ * all but a few digits, or where a pivot is below 1e-145 or above 1e145 in magnitude; the factor is then unusable.  Matrices
+ * and factor must not overlap. */
 int ts_complex_factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor);
 
 /* Replace b, (n, D) complex numbers, by the solution x of W x = b. */

@@ -23,9 +23,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     add_stages(sim->f1, C[1], 1, U, stride, 1.0 / h, n, U + stride);
     ts_stage_solve(sim, a, U + stride);
     add_stages(sim->y, M, 2, U, stride, 1.0, n, sim->y1);
-    double finite = 0.0;
-    for (int i = 0; i < 2 * nq; i++) finite += 0.0 * sim->y1[i];
-    return finite;
+    return 0.0;
 }
 
 static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->y1, sim->f1); }
