@@ -58,6 +58,7 @@ typedef struct {
     const int32_t *fixed;           /* (N) */
     const int32_t *beams;           /* (S) beams of the string's NSH, 0: none */
     int32_t *beam_first;            /* (S) first of them among the Z */
+    int32_t *ends;                  /* (lanes, 2) first numbers of a string's nodes in arrays (N, 2, D) */
     int32_t *curved;                /* (H) strings that carry an NSH */
     ts_place_of_bar *pinned;        /* (pinned_count) */
     ts_place_of_bar *floating;      /* (floating_count) */

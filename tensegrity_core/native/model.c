@@ -76,7 +76,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->node_block, N), TAKE(m->node_centre, N), TAKE(m->node_coef, N), TAKE(m->anchor, N * D);
     TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
     TAKE(m->y_start, m->stride), TAKE(m->curved, m->count[TS_H]), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
-    TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
+    TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
     TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->curve_key, 3 * m->count[TS_Z]);
     TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, stride);
     TAKE(sim->integers, m->n_int), TAKE(sim->piece, S), TAKE(sim->clipped, S);
@@ -199,6 +199,7 @@ static void lay_out_strings(ts_model *m)
 {
     for (int i = 0, beam = 0, curved = 0; i < m->count[TS_S]; i++) {
         if (m->beams[i]) m->curved[curved++] = i;
+        for (int end = 0; end < 2; end++) m->ends[2 * i + end] = 2 * m->count[TS_D] * m->strings[2 * i + end];
         add_node(m, i, m->strings[2 * i], -1.0);
         add_node(m, i, m->strings[2 * i + 1], 1.0);
         m->beam_first[i] = beam;

@@ -9,8 +9,7 @@
  *
  * The state is y = [q, q', dissipated, input work, throughput].  External forces are constant over a step, so their work is
  * a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
- * planar scene is computed in the plane.  What concerns all strings alike runs over arrays of one axis each, TS_LANES at a
- * time, so that compilers use vector instructions without reordering a sum. */
+ * planar scene is computed in the plane.  What concerns all strings alike is worked out for two of them at a time. */
 #include "kinematics.h"
 
 #include <math.h>
@@ -102,40 +101,40 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
     }
 }
 
-/* String vectors and their rates, one array for each axis. */
-ALWAYS_INLINE void difference(const ts_model *m, const double *x, double *restrict s, const int D)
+/* The same component of two strings' vectors, from their ends. */
+ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1, const double *b1, int d)
 {
-    const int lanes = m->lanes, count = m->count[TS_S];
-    const int32_t *ends = m->strings;
-    for (int i = 0; i < count; i++) {
-        const double *a = x + 2 * D * ends[2 * i], *b = x + 2 * D * ends[2 * i + 1];
-        for (int d = 0; d < 2 * D; d++) s[d * lanes + i] = b[d] - a[d];
-    }
+    return (pair){b0[d], b1[d]} - (pair){a0[d], a1[d]};
 }
 
-/* Elongations, rates and what they give where force curves are straight. */
-ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const int D)
+/* String vectors, elongations, rates, and the tensions where force curves are straight, for two strings at a time: numbers
+ * stay in registers until they are complete, which the processor would otherwise wait for. */
+ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const int D)
 {
-    int lanes = sim->m.lanes;
-    const double *restrict s = sim->s, *restrict sd = sim->sd, *restrict rest = sim->rest, *restrict rest_rate = sim->rest_rate;
-    const double *restrict k_on = sim->k_on, *restrict d_on = sim->d_on;
-    double *restrict gap = sim->gap, *restrict rate = sim->gap_rate, *restrict over = sim->over;
-    double *restrict fs = sim->fs, *restrict fd = sim->fd, *restrict low = sim->gap_low, *restrict high = sim->gap_high;
-    INDEPENDENT for (int i = 0; i < lanes; i++) {
-        double ss = s[i] * s[i] + s[lanes + i] * s[lanes + i], sv = s[i] * sd[i] + s[lanes + i] * sd[lanes + i];
-        if (D == 3) {
-            ss += s[2 * lanes + i] * s[2 * lanes + i];
-            sv += s[2 * lanes + i] * sd[2 * lanes + i];
+    const int lanes = sim->m.lanes;
+    const int32_t *ends = sim->m.ends;
+    const pair least = {1e-150, 1e-150};
+    for (int i = 0; i < lanes; i += 2) {
+        const double *a0 = x + ends[2 * i], *b0 = x + ends[2 * i + 1], *a1 = x + ends[2 * i + 2], *b1 = x + ends[2 * i + 3];
+        pair s[3], ss = {0.0, 0.0}, sv = {0.0, 0.0};
+        for (int d = 0; d < D; d++) {
+            s[d] = between(a0, b0, a1, b1, d);
+            pair sd = between(a0, b0, a1, b1, D + d);
+            put(sim->s + d * lanes + i, s[d]);
+            put(sim->sd + d * lanes + i, sd);
+            ss = d ? ss + s[d] * s[d] : s[d] * s[d];
+            sv = d ? sv + s[d] * sd : s[d] * sd;
         }
-        double xi = sqrt(ss), inverse = 1.0 / (xi > 1e-150 ? xi : 1e-150);
-        double g = xi - (rest[i] + rest_rate[i] * tau), r = sv * inverse - rest_rate[i];
-        over[i] = inverse;
-        gap[i] = g;
-        rate[i] = r;
-        fs[i] = k_on[i] * g;
-        fd[i] = d_on[i] * r;
-        low[i] = low[i] < g ? low[i] : g;
-        high[i] = high[i] > g ? high[i] : g;
+        pair xi = {sqrt(ss[0]), sqrt(ss[1])}, rest_rate = get(sim->rest_rate + i);
+        pair over = 1.0 / larger(xi, least), rate = sv * over - rest_rate;
+        pair gap = xi - (get(sim->rest + i) + rest_rate * tau), low = get(sim->gap_low + i), high = get(sim->gap_high + i);
+        put(sim->over + i, over);
+        put(sim->gap + i, gap);
+        put(sim->gap_rate + i, rate);
+        put(sim->fs + i, get(sim->k_on + i) * gap);
+        put(sim->fd + i, get(sim->d_on + i) * rate);
+        put(sim->gap_low + i, smaller(low, gap));
+        put(sim->gap_high + i, larger(high, gap));
     }
 }
 
@@ -179,8 +178,7 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
 {
     const ts_model *m = &sim->m;
     spread(m, q, v, sim->x, D);
-    difference(m, sim->x, sim->s, D);
-    stretch(sim, tau, D);
+    stretch(sim, tau, sim->x, D);
     if (sim->unlocated) place_by_elongation(sim);
     if (m->count[TS_H]) snap_curves(sim);
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
