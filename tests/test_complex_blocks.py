@@ -1,302 +1,306 @@
-"""The complex block-sparse solver of the kernel against dense NumPy, on the systems that an implicit Radau step has."""
+"""The complex block-sparse solver of the kernel against dense linear algebra, on the systems of an implicit Radau step.
 
-from __future__ import annotations
+Patterns come from the library of test_blocks.py; the complex functions, which the kernel keeps to itself too, are compiled
+here once more and work on the same patterns.
+"""
 
 import ctypes
+import importlib.util
 import subprocess
 import sys
-from ctypes import POINTER, c_double, c_int, c_int32, c_size_t, c_void_p
-from pathlib import Path
+from itertools import combinations, permutations
 
 import numpy as np
 import pytest
+import test_blocks
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_blocks import DIMENSIONS, EACH_GRAPH, EPS, NATIVE, SOME_GRAPH, Pattern, path, tower
 
-NATIVE = Path(__file__).resolve().parents[1] / "tensegrity_core" / "native"
-#: mu h of the two conjugate pairs of Radau IIA of order 9.
-MU_H = (3.655694325463572 + 6.543736899360077j, 5.700953298671789 + 3.210265600308550j)
-GUARD = 1.2345678e-77  # stands behind arrays, where the solver must not write
+library = test_blocks.library
+
+#: mu h of the two pairs of conjugate eigenvalues of Radau IIA with five stages, inverse coefficient matrix.
+MU_H = (3.6556943 + 6.5437369j, 5.7009533 + 3.2102656j)
+
+SHIM = """
+#include "complex_blocks.h"
+#if defined(_WIN32)
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+API size_t factor_size(const ts_pattern *p) { return ts_complex_factor_size(p); }
+API int factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor)
+{
+    return ts_complex_factorise(p, re, im, Jq, Jv, factor);
+}
+API void solve(const ts_pattern *p, const double *factor, double *b) { ts_complex_solve(p, factor, b); }
+"""
 
 
-class Pattern(ctypes.Structure):
-    """ts_pattern of blocks.h."""
-
-    _fields_ = [(name, c_int32) for name in ("n", "D", "count", "entries")] + [
-        (name, POINTER(c_int32)) for name in ("row", "column", "order", "diagonal", "end", "entry", "fill_first", "fill")
-    ] + [("memory", c_void_p)]
-
-
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    """Both solvers in a library that shows their functions; the kernel's own hides them."""
-    sys.path.insert(0, str(NATIVE))
-    try:
-        import build
-    finally:
-        sys.path.remove(str(NATIVE))
-    target = tmp_path_factory.mktemp("complex_blocks") / build.LIBRARY
+@pytest.fixture(scope="session")
+def complex_library(tmp_path_factory):
+    spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
+    build = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(build)
+    folder = tmp_path_factory.mktemp("complex_blocks")
+    (folder / "shim.c").write_text(SHIM)
     command = build.system_compiler() or [sys.executable, "-m", "ziglang", "cc"]
-    flags = [flag for flag in build.FLAGS if not flag.startswith("-fvisibility")] + ["-Wall", "-Wextra", "-pedantic", "-Werror"]
-    sources = [str(NATIVE / name) for name in ("blocks.c", "complex_blocks.c")]
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
-    done = subprocess.run([*command, *flags, *sources, *extra, "-o", str(target)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    sources = [str(folder / "shim.c"), str(NATIVE / "complex_blocks.c")]
+    target = folder / build.LIBRARY
+    flags = [*build.FLAGS, "-Wall", "-Wextra", "-pedantic", "-Werror", f"-I{NATIVE}"]
+    run = subprocess.run([*command, *flags, *sources, *extra, "-o", str(target)], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
     lib = ctypes.CDLL(str(target))
-    numbers, pattern = POINTER(c_double), POINTER(Pattern)
-    for name, result, arguments in (
-        ("ts_pattern_make", c_int, [pattern, c_int32, c_int32, POINTER(c_int32), c_size_t]),
-        ("ts_pattern_free", None, [pattern]),
-        ("ts_pattern_factor_size", c_size_t, [pattern]),
-        ("ts_blocks_factorise", c_int, [pattern, c_double, numbers, numbers, numbers]),
-        ("ts_blocks_solve", None, [pattern, numbers, numbers]),
-        ("ts_complex_factor_size", c_size_t, [pattern]),
-        ("ts_complex_factorise", c_int, [pattern, c_double, c_double, numbers, numbers, numbers]),
-        ("ts_complex_solve", None, [pattern, numbers, numbers]),
-    ):
-        function = getattr(lib, name)
-        function.restype, function.argtypes = result, arguments
+    pattern, number = ctypes.c_void_p, ctypes.c_double
+    reals = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
+    for name, result, arguments in [
+        ("factor_size", ctypes.c_size_t, [pattern]),
+        ("factorise", ctypes.c_int, [pattern, number, number, reals, reals, reals]),
+        ("solve", None, [pattern, reals, reals]),
+    ]:
+        getattr(lib, name).restype, getattr(lib, name).argtypes = result, arguments
     return lib
 
 
-def address(array: np.ndarray):
-    return array.ctypes.data_as(POINTER(c_double))
+@pytest.fixture(scope="session")
+def libraries(library, complex_library):
+    return library, complex_library
 
 
-class System:
-    """Block patterns and their solver; matrices go in dense, (n D, n D), and must fit the pattern."""
+class Complex(Pattern):
+    """A pattern and the complex solver on it; systems are given as (mu, Jq, Jv) with real blocks (count, D, D)."""
 
-    def __init__(self, library, n: int, D: int, couples):
-        self.library, self.n, self.D, self.pattern = library, n, D, Pattern()
-        self.couples = np.ascontiguousarray(couples, dtype=np.int32).reshape(-1, 2)
-        made = library.ts_pattern_make(
-            self.pattern, n, D, self.couples.ctypes.data_as(POINTER(c_int32)), len(self.couples)
-        )
-        assert made == 1
+    def __init__(self, libraries, n, D, couples):
+        super().__init__(libraries[0], n, D, couples)
+        self.complex = libraries[1]
 
-    def __enter__(self):
-        return self
+    def factorise(self, mu, Jq, Jv):
+        """The factor, None where it is refused.  Nothing that was in its place before may matter."""
+        size = self.complex.factor_size(self.handle)
+        factor = self.guarded(np.full(size, np.nan))
+        done = self.complex.factorise(self.handle, mu.real, mu.imag, Jq, Jv, factor)
+        return self.unguarded(factor, size) if done else None
 
-    def __exit__(self, *_):
-        self.library.ts_pattern_free(self.pattern)
+    def solve(self, factor, b):
+        x = self.guarded(np.ascontiguousarray(b, complex).view(float))
+        self.complex.solve(self.handle, factor, x)
+        return self.unguarded(x, 2 * np.size(b)).view(complex)
 
-    def blocks(self, dense: np.ndarray) -> np.ndarray:
-        """(count, D, D) blocks in the pattern's order; all that is outside them must be zero."""
-        p, D, rest = self.pattern, self.D, dense.copy()
-        found = np.empty((p.count, D, D))
-        for i in range(self.n):
-            for m in range(p.row[i], p.row[i + 1]):
-                place = np.s_[i * D : (i + 1) * D, p.column[m] * D : (p.column[m] + 1) * D]
-                found[m] = dense[place]
-                rest[place] = 0.0
-        assert not rest.any()
-        return found
+    def matrix(self, mu, Jq, Jv):
+        """(n D, n D) W."""
+        return mu**2 * np.eye(self.n * self.D) - mu * self.dense(Jv) - self.dense(Jq)
 
-    def factorise(self, mu: complex, Jq: np.ndarray, Jv: np.ndarray) -> np.ndarray | None:
-        """The factor; None where the solver refuses."""
-        size = self.library.ts_complex_factor_size(self.pattern)
-        factor = np.full(size + 2, np.nan)  # work space must not be read before it is written
-        factor[size:] = GUARD
-        done = self.library.ts_complex_factorise(
-            self.pattern, mu.real, mu.imag, address(self.blocks(Jq)), address(self.blocks(Jv)), address(factor)
-        )
-        assert (factor[size:] == GUARD).all()
-        return factor if done else None
+    def system(self, mu, W):
+        """(mu, Jq, Jv) for given complex blocks W: one complex equation for two real unknowns."""
+        W = np.asarray(W)
+        Jv = (self.identity((mu**2).imag) - W.imag) / mu.imag
+        return mu, self.identity((mu**2).real) - mu.real * Jv - W.real, Jv
 
-    def solve(self, factor: np.ndarray, b: np.ndarray) -> np.ndarray:
-        x = np.append(b, [GUARD + 1j * GUARD])
-        self.library.ts_complex_solve(self.pattern, address(factor), address(x))
-        assert x[-1] == GUARD + 1j * GUARD
-        return x[:-1]
+    def vector(self, rng):
+        return rng.standard_normal(self.n * self.D) + 1j * rng.standard_normal(self.n * self.D)
 
-
-def path(n):
-    return [(i, i + 1) for i in range(n - 1)]
-
-
-def tower(n, per_stage=3):
-    """Each block is coupled with all of its stage and of the next one."""
-    return [(i, j) for i in range(n) for j in range(i) if i // per_stage - j // per_stage <= 1]
+    def oscillators(self, rng, stiffness, damping):
+        """Jq (1/s^2) and Jv (1/s) of masses on soft springs of their own, coupled by damped strings under some tension."""
+        index = {block: k for k, block in enumerate(zip(self.rows, self.column, strict=True))}
+        K, C = self.identity(rng.uniform(0.0, 10.0, self.n)), self.identity(rng.uniform(0.0, 0.1, self.n))
+        for i, j in index:
+            if i >= j:
+                continue
+            direction = rng.standard_normal(self.D)
+            along = np.outer(direction, direction) / (direction @ direction)
+            k = along + rng.uniform(0.0, 0.01) * (np.eye(self.D) - along)
+            k *= stiffness * 10.0 ** rng.uniform(-1.0, 1.0)
+            for block, sign in (((i, i), 1), ((j, j), 1), ((i, j), -1), ((j, i), -1)):
+                K[index[block]] += sign * k
+                C[index[block]] += sign * damping * along
+        per_mass = 1.0 / rng.uniform(0.1, 5.0, self.n)[self.rows, None, None]
+        return -per_mass * K, -per_mass * C
 
 
-def dense(n):
-    return [(i, j) for i in range(n) for j in range(i)]
+def check(p, factor, W, rng, bound=10.0):
+    """Small backward error, so that the error of x is no larger than rounding W alone would make it."""
+    assert factor is not None
+    b = p.vector(rng)
+    x = p.solve(factor, b)
+    assert np.linalg.norm(W @ x - b) <= bound * EPS * np.linalg.norm(W) * np.linalg.norm(x)
+    return b, x
 
 
-def scattered(n):
-    rng = np.random.default_rng(n)
-    return rng.integers(0, n, (2 * n, 2))
+@EACH_GRAPH
+@DIMENSIONS
+@pytest.mark.parametrize("mu_h", MU_H)
+def test_radau_systems(libraries, graph, D, mu_h):
+    p, rng = Complex(libraries, graph[0], D, graph[1]), np.random.default_rng(5)
+    for stiffness, damping in ((1e2, 0.1), (1e5, 30.0), (1e9, 1e4)):
+        Jq, Jv = p.oscillators(rng, stiffness, damping)
+        for h in 10.0 ** np.arange(-7.0, 1.0):
+            W = p.matrix(mu_h / h, Jq, Jv)
+            b, x = check(p, p.factorise(mu_h / h, Jq, Jv), W, rng)
+            inverse = np.linalg.inv(W)
+            error = np.linalg.norm(x - inverse @ b)
+            assert error <= 20.0 * EPS * np.linalg.norm(inverse) * np.linalg.norm(W) * np.linalg.norm(x)
 
 
-def two_parts(n):
-    """Two rings without a connection, and one block on its own."""
-    half = n // 2
-    return [(i, (i + 1) % half) for i in range(half)] + [(i, i + 1) for i in range(half, n - 2)]
+@settings(max_examples=100, deadline=None)
+@given(drawn=SOME_GRAPH, mu_h=st.sampled_from(MU_H), h=st.floats(-7.0, 0.0), stiffness=st.floats(0.0, 10.0))
+def test_random_radau_systems_are_never_refused(libraries, drawn, mu_h, h, stiffness):
+    n, density, D, seed = drawn
+    rng = np.random.default_rng(seed)
+    p, mu = Complex(libraries, n, D, rng.integers(0, n, (int(density * n), 2))), mu_h / 10.0**h
+    Jq, Jv = p.oscillators(rng, 10.0**stiffness, 10.0 ** (stiffness / 2.0 - 2.0))
+    check(p, p.factorise(mu, Jq, Jv), p.matrix(mu, Jq, Jv), rng)
 
 
-PATTERNS = {
-    "one": (1, dense), "pair": (2, dense), "three": (3, dense), "nine": (9, dense), "path": (40, path),
-    "tower": (45, tower), "scattered": (30, scattered), "two parts": (13, two_parts), "star": (20, lambda n: [(0, i) for i in range(n)]),
-    "unconnected": (5, lambda n: []),
-}  # fmt: skip
+@DIMENSIONS
+def test_a_factor_serves_any_number_of_right_hand_sides(libraries, D):
+    p, rng = Complex(libraries, 45, D, tower(5, 9)), np.random.default_rng(1)
+    Jq, Jv = p.oscillators(rng, 1e4, 3.0)
+    W, factor = p.matrix(MU_H[0] / 1e-2, Jq, Jv), p.factorise(MU_H[0] / 1e-2, Jq, Jv)
+    kept = factor.copy()
+    first, x = check(p, factor, W, rng)
+    check(p, factor, W, rng)
+    np.testing.assert_array_equal(p.solve(factor, first), x)
+    np.testing.assert_array_equal(factor, kept)
 
 
-def oscillators(rng, n: int, D: int, couples, stiffness=1e4, damping=3.0):
-    """Jq, Jv (1/s^2, 1/s) of masses on damped springs, some of them under tension, and each on a spring of its own."""
-    K, C = np.zeros((2, n * D, n * D))
-    ends = [(i, None) for i in range(n)] + [(int(i), int(j)) for i, j in couples if i != j]
-    for i, j in ends:
-        direction = rng.normal(size=D)
-        along = np.outer(direction, direction) / (direction @ direction)
-        k = stiffness * 10.0 ** rng.uniform(-1, 1) * (along + rng.uniform(0.0, 0.2) * (np.eye(D) - along))
-        c = damping * rng.uniform(0.1, 2.0) * along
-        parts = [(i, 1.0)] + ([] if j is None else [(j, -1.0)])
-        for a, sign_a in parts:
-            for b, sign_b in parts:
-                K[a * D : (a + 1) * D, b * D : (b + 1) * D] += sign_a * sign_b * k
-                C[a * D : (a + 1) * D, b * D : (b + 1) * D] += sign_a * sign_b * c
-    inverse_mass = np.repeat(1.0 / rng.uniform(0.1, 5.0, n), D)[:, None]
-    return -inverse_mass * K, -inverse_mass * C
+@EACH_GRAPH
+@DIMENSIONS
+def test_real_mu_gives_what_the_real_solver_gives(libraries, graph, D):
+    p, real = Complex(libraries, graph[0], D, graph[1]), Pattern(libraries[0], graph[0], D, graph[1])
+    rng = np.random.default_rng(2)
+    Jq, Jv = p.oscillators(rng, 1e3, 1.0)
+    b = p.vector(rng)
+    x, factor = p.solve(p.factorise(50.0 + 0.0j, Jq, Jv), b), real.factorise((50.0, Jq, Jv))
+    expected = real.solve(factor, b.real) + 1j * real.solve(factor, b.imag)
+    np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 
-def dense_matrix(mu, Jq, Jv):
-    return mu**2 * np.eye(len(Jq)) - mu * Jv - Jq
+@EACH_GRAPH
+def test_conjugate_mu_gives_the_conjugate_solution(libraries, graph):
+    p, rng = Complex(libraries, graph[0], 3, graph[1]), np.random.default_rng(3)
+    (Jq, Jv), b = p.oscillators(rng, 1e3, 1.0), p.vector(rng)
+    x = p.solve(p.factorise(MU_H[1], Jq, Jv), b)
+    np.testing.assert_array_equal(p.solve(p.factorise(MU_H[1].conjugate(), Jq, Jv), b.conj()), x.conj())
 
 
-def complex_vector(rng, size):
-    return rng.normal(size=size) + 1j * rng.normal(size=size)
+@DIMENSIONS
+@pytest.mark.parametrize(("main", "rest"), [(1.0, 1.0j), (1.0j, 1.0)])
+def test_rows_are_exchanged_inside_a_block(libraries, D, main, rest):
+    """Every order of pivots: diagonal blocks that are turned identities but for a little, which is real where the identity
+    is imaginary and the other way round.  One row of each pair is eliminated before anything is subtracted from it."""
+    turns = np.repeat([np.eye(D)[list(turn)] for turn in permutations(range(D))], 2, axis=0)
+    n, rng = len(turns), np.random.default_rng(4)
+    p = Complex(libraries, n, D, [(i, i + 1) for i in range(0, n, 2)])
+    W = 0.1 * (p.random(rng) + 1j * p.random(rng))
+    W[p.rows == p.column] = main * turns + 1e-9 * rest * rng.standard_normal((n, D, D))
+    system = p.system(1.0j, W)
+    check(p, p.factorise(*system), p.matrix(*system), rng)
 
 
-def backward_error(W, x, b):
-    """Residual of each row against the largest that rounding of its terms could leave at 1 unit."""
-    return np.max(np.abs(W @ x - b) / (np.abs(W) @ np.abs(x) + np.abs(b)))
+@DIMENSIONS
+@pytest.mark.parametrize("stiffness", [1e4, 1e8, 1e12])
+def test_stiff_direction_costs_its_condition_and_not_the_square_of_it(libraries, D, stiffness):
+    """A string between two masses that is far stiffer than the step is short."""
+    p, rng = Complex(libraries, 2, D, [(0, 1)]), np.random.default_rng(6)
+    for _ in range(20):
+        direction = rng.standard_normal(D)
+        spring = stiffness * np.outer(direction, direction)
+        Jq = np.array([-spring, spring, spring, -spring])
+        Jv = 1e-3 / np.sqrt(stiffness) * Jq
+        check(p, p.factorise(MU_H[0], Jq, Jv), p.matrix(MU_H[0], Jq, Jv), rng, bound=4.0)
 
 
-@pytest.mark.parametrize("D", [2, 3])
-@pytest.mark.parametrize("name", PATTERNS)
-def test_radau_systems(library, name, D):
-    n, couples = PATTERNS[name][0], PATTERNS[name][1](PATTERNS[name][0])
-    rng = np.random.default_rng(n + D)
-    with System(library, n, D, couples) as system:
-        for stiffness, damping in ((1e2, 0.1), (1e5, 30.0), (1e8, 1e4)):
-            Jq, Jv = oscillators(rng, n, D, couples, stiffness, damping)
-            for h in 10.0 ** np.arange(-7, 1):
-                for mu_h in MU_H:
-                    W, b = dense_matrix(mu_h / h, Jq, Jv), complex_vector(rng, n * D)
-                    factor = system.factorise(mu_h / h, Jq, Jv)
-                    assert factor is not None
-                    x = system.solve(factor, b)
-                    assert backward_error(W, x, b) < 1e-13
-                    exact = np.linalg.solve(W, b)
-                    bound = 1e-14 * np.linalg.cond(W)
-                    assert np.linalg.norm(x - exact) <= bound * np.linalg.norm(exact)
-                    again = system.solve(factor, W @ exact)  # a factor serves any number of right-hand sides
-                    assert np.linalg.norm(again - exact) <= bound * np.linalg.norm(exact)
+@settings(max_examples=200, deadline=None)
+@given(drawn=SOME_GRAPH, row=st.integers(0, 24), distance=st.floats(0.0, 18.0))
+def test_a_factor_is_accurate_or_refused(libraries, drawn, row, distance):
+    """Systems of no special kind, one diagonal block of which is singular but for 10^-distance."""
+    n, density, D, seed = drawn
+    rng = np.random.default_rng(seed)
+    p = Complex(libraries, n, D, rng.integers(0, n, (int(density * n), 2)))
+    W = p.random(rng) + 1j * p.random(rng)
+    left, right = (np.linalg.qr(rng.standard_normal((D, D)) + 1j * rng.standard_normal((D, D)))[0] for _ in range(2))
+    block = p.lib.find(p.handle, row % n, row % n)
+    W[block] = left @ np.diag([10.0**-distance] + [1.0] * (D - 1)) @ right
+    system = p.system(MU_H[1], W)
+    factor = p.factorise(*system)
+    if factor is None:
+        assert distance > 2.0
+    else:
+        check(p, factor, p.matrix(*system), rng, bound=1e12)
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_real_shift_equals_real_solver(library, D):
-    n, couples = 12, tower(12)
-    rng = np.random.default_rng(D)
-    Jq, Jv = oscillators(rng, n, D, couples)
-    with System(library, n, D, couples) as system:
-        b = complex_vector(rng, n * D)
-        x = system.solve(system.factorise(150.0 + 0.0j, Jq, Jv), b)
-        real = np.empty(library.ts_pattern_factor_size(system.pattern))
-        matrices = address(system.blocks(Jq)), address(system.blocks(Jv))
-        assert library.ts_blocks_factorise(system.pattern, 150.0, *matrices, address(real)) == 1
-        for ours, part in ((x.real, b.real.copy()), (x.imag, b.imag.copy())):
-            library.ts_blocks_solve(system.pattern, address(real), address(part))
-            np.testing.assert_allclose(ours, part, rtol=0, atol=1e-13 * np.abs(part).max())
+@DIMENSIONS
+@pytest.mark.parametrize(("small", "accepted"), [(1e-3, True), (1e-15, False), (0.0, False)])
+def test_growth_is_refused(libraries, D, small, accepted):
+    """i [[small, 1], [1, 1]] is well conditioned, but eliminating its first row wipes out the second."""
+    p = Complex(libraries, 2, D, [(0, 1)])
+    system = p.system(1j, 1j * np.array([small, 1.0, 1.0, 1.0])[:, None, None] * np.eye(D))
+    factor = p.factorise(*system)
+    assert (factor is not None) == accepted
+    if accepted:
+        check(p, factor, p.matrix(*system), np.random.default_rng(0), bound=1e4)
 
 
-@pytest.mark.parametrize("D", [2, 3])
-@pytest.mark.parametrize("row", [0, 1, 2])
-def test_pivots_inside_a_block(library, D, row):
-    """A diagonal block whose first column is zero but for one row, which elimination without pivoting cannot start from."""
-    if row >= D:
-        pytest.skip("the block has no such row")
-    rng = np.random.default_rng(row)
-    mu = MU_H[0]
-    A = complex_vector(rng, (D, D))
-    A[np.arange(D) != row, 0] = 0.0
-    # Real Jq and Jv for which W is this A: two unknown real matrices, one complex equation.
-    Jv = np.imag(mu**2 * np.eye(D) - A) / mu.imag
-    Jq = np.real(mu**2 * np.eye(D) - mu * Jv - A)
-    W, b = dense_matrix(mu, Jq, Jv), complex_vector(rng, D)
-    with System(library, 1, D, []) as system:
-        x = system.solve(system.factorise(mu, Jq, Jv), b)
-    np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=0, atol=1e-13 * np.linalg.cond(A) * np.abs(x).max())
-    assert backward_error(W, x, b) < 1e-13
+@EACH_GRAPH
+@DIMENSIONS
+def test_singular_systems_are_refused(libraries, graph, D):
+    p = Complex(libraries, graph[0], D, graph[1])
+    laplace = p.identity(np.diff(p.row) - 1.0)
+    laplace[p.rows != p.column] = -np.eye(D)
+    zero = np.zeros_like(laplace)
+    assert p.factorise(0j, laplace, zero) is None
+    assert p.factorise(0j, zero, zero) is None
+    assert p.factorise(3.0 + 4.0j, -25.0 * p.identity(), 6.0 * p.identity()) is None  # mu is an eigenvalue
+    assert p.factorise(3.0 + 4.0j, -25.0 * p.identity(), 7.0 * p.identity()) is not None
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_stiff_direction_keeps_digits(library, D):
-    """One direction 1e10 times stiffer than the others, at an angle: what the soft ones need must survive."""
-    rng = np.random.default_rng(7)
-    for _ in range(50):
-        axis = rng.normal(size=D)
-        Jq = -1e10 * np.outer(axis, axis) / (axis @ axis) - np.diag(rng.uniform(0.5, 2.0, D))
-        W, b = dense_matrix(MU_H[1], Jq, np.zeros((D, D))), complex_vector(rng, D)
-        with System(library, 1, D, []) as system:
-            x = system.solve(system.factorise(MU_H[1], Jq, np.zeros((D, D))), b)
-        exact = np.linalg.solve(W, b)
-        assert np.linalg.norm(x - exact) < 1e-15 * np.linalg.cond(W) * np.linalg.norm(exact)
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@DIMENSIONS
+def test_numbers_that_are_not_finite_are_refused_wherever_they_stand(libraries, D, number):
+    p = Complex(libraries, 5, D, [*path(5), (0, 3)])
+    for place in np.ndindex(p.count, D, D):
+        A = p.identity(5.0) + 1.0 / (1.0 + np.arange(p.count * D * D).reshape(-1, D, D))
+        assert p.factorise(7.0 + 3.0j, A, p.identity()) is not None
+        A[place] = number
+        assert p.factorise(7.0 + 3.0j, A, p.identity()) is None
+        assert p.factorise(7.0 + 3.0j, p.identity(), A) is None
+    for mu in (complex(number, 1.0), complex(1.0, number)):
+        assert p.factorise(mu, p.identity(), p.identity()) is None
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_refuses(library, D):
-    n, couples = 3, dense(3)
-    rng = np.random.default_rng(D)
-    Jq, Jv = oscillators(rng, n, D, couples)
-    zero = np.zeros_like(Jq)
-    mu = MU_H[0]
-    with System(library, n, D, couples) as system:
-        assert system.factorise(mu, Jq, Jv) is not None
-        assert system.factorise(0j, zero, zero) is None
-        for bad in (np.nan, np.inf, -np.inf):
-            for matrix in (Jq, Jv):
-                for place in ((0, 0), (n * D - 1, n * D - 1), (0, n * D - 1), (n * D - 1, 0)):
-                    kept = matrix[place]
-                    matrix[place] = bad
-                    assert system.factorise(mu, Jq, Jv) is None, (bad, place)
-                    matrix[place] = kept
-            assert system.factorise(complex(bad, 1.0), Jq, Jv) is None
-            assert system.factorise(complex(1.0, bad), Jq, Jv) is None
-        for scale in (1e100, 1e160, 1e200, 1e-120, 1e-180):  # finite, but products leave the range of numbers
-            solved = system.factorise(0j, scale * Jq, zero)
-            if solved is not None:
-                b = complex_vector(rng, n * D)
-                assert backward_error(-scale * Jq, system.solve(solved, b), b) < 1e-13
-        singular = Jq.copy()
-        singular[:D], singular[:, :D] = 0.0, 0.0
-        assert system.factorise(0j, singular, zero) is None
+@DIMENSIONS
+@pytest.mark.parametrize("exponent", [-300, -160, -135, -50, 50, 135, 160, 300])
+def test_numbers_near_the_ends_of_their_range_are_solved_or_refused(libraries, D, exponent):
+    p, rng = Complex(libraries, 3, D, list(combinations(range(3), 2))), np.random.default_rng(7)
+    scale = 10.0**exponent
+    Jq, zero = p.oscillators(rng, 10.0, 0.0)
+    factor = p.factorise(0j, scale * Jq, np.zeros_like(zero))
+    assert factor is not None or abs(exponent) > 135
+    if factor is not None:
+        b = p.vector(rng)
+        x = p.solve(factor, scale * b)
+        assert np.linalg.norm(p.dense(-Jq) @ x - b) <= 10.0 * EPS * np.linalg.norm(p.dense(Jq)) * np.linalg.norm(x)
 
 
-@pytest.mark.parametrize("D", [2, 3])
-def test_refuses_a_pivot_block_that_loses_all_digits(library, D):
-    """W is regular, but its first pivot block nearly singular: elimination without pivoting between blocks is useless."""
-    tiny = 1e-15
-    mu = MU_H[0]
-    Jv = np.zeros((2 * D, 2 * D))
-    Jq = mu.real * 0.0 + np.kron([[tiny, 1.0], [1.0, tiny]], np.eye(D))
-    with System(library, 2, D, [(0, 1)]) as system:
-        assert np.linalg.cond(Jq) < 1.1
-        assert system.factorise(0j, Jq, Jv) is None
-        Jq = np.kron([[1e-3, 1.0], [1.0, 1e-3]], np.eye(D))  # some digits less, but usable
-        factor = system.factorise(0j, Jq, Jv)
-        b = complex_vector(np.random.default_rng(0), 2 * D)
-        np.testing.assert_allclose(system.solve(factor, b), np.linalg.solve(-Jq, b), rtol=0, atol=1e-9)
+def test_arrays_need_no_alignment(libraries):
+    """Arrays that start 8 bytes beside what pairs of numbers would like."""
+    p, rng = Complex(libraries, 3, 3, list(combinations(range(3), 2))), np.random.default_rng(8)
+    (Jq, Jv), b = p.oscillators(rng, 1e4, 3.0), p.vector(rng)
+    expected = p.solve(p.factorise(MU_H[0], Jq, Jv), b)
+    at = [beside(part) for part in (Jq, Jv, np.zeros(p.complex.factor_size(p.handle)), b.view(float))]
+    assert p.complex.factorise(p.handle, MU_H[0].real, MU_H[0].imag, *at[:3]) == 1
+    p.complex.solve(p.handle, *at[2:])
+    np.testing.assert_array_equal(at[3].view(complex), expected)
 
 
-def test_arrays_need_no_alignment(library):
-    """Arrays that start 8 bytes beside what pairs would like."""
-    rng = np.random.default_rng(3)
-    Jq, Jv = oscillators(rng, 3, 3, dense(3))
-    mu, b = MU_H[0] / 1e-3, complex_vector(rng, 9)
-    with System(library, 3, 3, dense(3)) as system:
-        aligned = system.solve(system.factorise(mu, Jq, Jv), b)
-        q, v, x = (np.append(0.0, a)[1:] for a in (system.blocks(Jq), system.blocks(Jv), b.view(float)))
-        factor = np.empty(library.ts_complex_factor_size(system.pattern) + 1)[1:]
-        assert {a.ctypes.data % 16 for a in (q, v, x, factor)} == {8}
-        assert library.ts_complex_factorise(system.pattern, mu.real, mu.imag, address(q), address(v), address(factor)) == 1
-        library.ts_complex_solve(system.pattern, address(factor), address(x))
-        assert (x == aligned.view(float)).all()
+def beside(array):
+    """A copy whose address is no multiple of 16."""
+    room = np.empty(array.size + 2)
+    start = 0 if room.ctypes.data % 16 == 8 else 1
+    room[start : start + array.size] = array.ravel()
+    copy = room[start : start + array.size].reshape(array.shape)
+    assert copy.ctypes.data % 16 == 8
+    return copy
