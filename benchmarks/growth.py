@@ -2,14 +2,14 @@
 
 Towers of n stages (3 n bars) stand still and are pushed at the top: 45 N down on each of the last three nodes, 20 N aside
 on the first of them, for 0.1 s, which no wave needs to run down a tall tower.  A light prestress lets strings go slack (there
-are transitions), a high one keeps all of them taut.  For the explicit and the L-stable method:
+are transitions), a high one keeps all of them taut.  For the explicit method and the two L-stable ones:
 
 * time per accepted step: of the taut run;
 * time per transition: what the slack run takes longer than the taut one, over its transitions;
 * time per right-hand side: the explicit method's taut run over its right-hand sides, so with the vector work of a stage;
-* linear algebra (L-stable method): the taut run less its right-hand sides, over its factorisations, so Jacobian,
-  factorisation and solves together;
-* memory: the kernel's own figure where it gives one, else what a fresh process grows by (below 1 MB mostly chance).
+* linear algebra (L-stable methods): the taut run less its right-hand sides, over its attempts, so Jacobian, factorisations
+  and solves of a step together;
+* memory: what the simulation occupies, as the kernel counts it.
 
 Runs are interleaved, in rounds; a time is the median of all runs.  Exponents are fitted from FIT_FROM stages on.
 """
@@ -18,13 +18,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
-from ctypes import c_size_t, c_void_p
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,19 +31,21 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import machine  # noqa: E402
 
-from tensegrity_core.kernel import Kernel, load_library  # noqa: E402
-from tensegrity_core.model import Model, to_bytes  # noqa: E402
+from tensegrity_core.kernel import Kernel  # noqa: E402
+from tensegrity_core.model import Model  # noqa: E402
 from tensegrity_core.statics import build_model  # noqa: E402
 from tensegrity_core.towers import tower  # noqa: E402
 
 STAGES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-METHODS = {"dop853": "explicit (DOP853)", "rodas5p": "L-stable (Rodas5P)"}
+METHODS = {"dop853": "explicit (DOP853)", "rodas5p": "L-stable (Rodas5P)", "radau9": "L-stable (Radau IIA)"}
+IMPLICIT = ("rodas5p", "radau9")
 TOLERANCE, DURATION, INSTANTS = 1e-6, 0.1, 4
 DOWN, ASIDE = -45.0, 20.0  # N
 LIGHT, HIGH = 40.0, 400.0  # N, of the saddle strings
 ROUND = 0.02  # s
 FIT_FROM = 10
 LIMIT = 1.2
+MARKS = {"dop853": ("#1f5fa8", "o"), "rodas5p": ("#c2571a", "s"), "radau9": ("#3a7d44", "^")}
 
 # --- measuring ---------------------------------------------------------------------------------------------------
 
@@ -94,37 +92,6 @@ class Case:
         return statistics.median(self.seconds)
 
 
-def resident() -> int | None:
-    """Bytes of memory that this process holds; None where the system does not say."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return None
-
-
-def memory_of(packed: bytes) -> dict:
-    """{bytes, source} of a kernel that has made one run; called in a process of its own."""
-    library = load_library()
-    before = resident()
-    kernel = Kernel(packed)
-    if hasattr(library, "ts_memory_size"):
-        size = library.ts_memory_size
-        size.restype, size.argtypes = c_size_t, (c_void_p,)
-        return {"bytes": size(kernel._sim), "source": "kernel"}
-    kernel.initialize()
-    kernel.step(1e-3)
-    return {"bytes": None if before is None else resident() - before, "source": "process"}
-
-
-def memory(model: Model, method: str) -> dict:
-    """The same in a fresh process, in which nothing else has left memory to reuse."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.bin"
-        path.write_bytes(to_bytes(model, method=method, tolerance=TOLERANCE))
-        command = [sys.executable, str(Path(__file__).resolve()), "--memory-of", str(path)]
-        return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-
-
 def measure(stages: tuple[int, ...], rounds: int) -> list[dict]:
     """One row per tower and method."""
     cases: dict[tuple, Case] = {}
@@ -140,17 +107,16 @@ def measure(stages: tuple[int, ...], rounds: int) -> list[dict]:
         explicit = cases[n, "dop853", HIGH]
         rhs = explicit.time / explicit.kernel.stats["rhs"]
         for method in METHODS:
-            used = memory(models[n, LIGHT], method)
-            rows.append(row(n, method, cases[n, method, HIGH], cases[n, method, LIGHT], rhs, used))
+            rows.append(row(n, method, cases[n, method, HIGH], cases[n, method, LIGHT], rhs))
             print(f"{n:5d} stages, {method}: {1e6 * rows[-1]['step']:.1f} us per step", file=sys.stderr)
     return rows
 
 
-def row(stages: int, method: str, taut: Case, slack: Case, rhs: float, used: dict) -> dict:
+def row(stages: int, method: str, taut: Case, slack: Case, rhs: float) -> dict:
     """What the runs of one tower by one method say; times in s."""
     smooth, broken = taut.kernel.stats, slack.kernel.stats
     comparable = stages > 1 and smooth["transitions"] == 0 and broken["transitions"] > 0
-    algebra = (taut.time - smooth["rhs"] * rhs) / smooth["factorisations"] if smooth["factorisations"] else None
+    algebra = (taut.time - smooth["rhs"] * rhs) / (smooth["steps"] + smooth["rejected"]) if method in IMPLICIT else None
     return {
         "stages": stages,
         "bars": 3 * stages,
@@ -160,10 +126,21 @@ def row(stages: int, method: str, taut: Case, slack: Case, rhs: float, used: dic
         "transition": (slack.time - taut.time) / broken["transitions"] if comparable else None,
         "rhs": rhs,
         "algebra": algebra,
-        "memory": used["bytes"],
-        "memory_source": used["source"],
+        "memory": taut.kernel.memory_size,
         "taut": {"seconds": taut.time, **smooth},
         "slack": {"seconds": slack.time, **broken},
+    }
+
+
+def collect(stages: tuple[int, ...], rounds: int) -> dict:
+    """All measurements and what they say, with machine and conditions: growth.json."""
+    rows = measure(stages, rounds)
+    return {
+        "machine": machine.describe(),
+        "push": {"down": -DOWN, "aside": ASIDE, "duration": DURATION, "tension": [LIGHT, HIGH], "tolerance": TOLERANCE},
+        "exponents": exponents(rows),
+        "fitted_from_stages": FIT_FROM,
+        "rows": rows,
     }
 
 
@@ -188,7 +165,8 @@ def exponent(rows: list[dict], method: str, quantity: str) -> float | None:
 def exponents(rows: list[dict]) -> dict[str, dict[str, float | None]]:
     """By method and quantity."""
     wanted = {method: ["step", "transition", "memory", "rhs"] for method in METHODS}
-    wanted["rodas5p"].append("algebra")
+    for method in IMPLICIT:
+        wanted[method].append("algebra")
     return {method: {name: exponent(rows, method, name) for name in names} for method, names in wanted.items()}
 
 
@@ -207,19 +185,21 @@ def draw(result: dict, path: Path) -> None:
     rows, found = result["rows"], result["exponents"]
     charts = [[("step", method, label) for method, label in METHODS.items()]]
     charts.append([("transition", method, label) for method, label in METHODS.items()])
-    charts.append([("rhs", "dop853", "right-hand side"), ("algebra", "rodas5p", "Jacobian, factorisation, solves")])
-    charts.append([("memory", method, label) for method, label in METHODS.items()])
+    charts.append([("rhs", "dop853", "right-hand side")])
+    charts[-1] += [("algebra", method, f"linear algebra of a step, {METHODS[method]}") for method in IMPLICIT]
+    charts.append([("memory", "dop853", "a simulation, whatever its method")])
     titles = [("per accepted step", 1e6, "\u00b5s"), ("per transition", 1e6, "\u00b5s")]
     titles += [("parts of a step", 1e6, "\u00b5s"), ("memory", 1e-6, "MB")]
     for axes, curves, (title, scale, unit) in zip(figure.subplots(2, 2).flat, charts, titles):
-        for (quantity, method, label), colour, marker in zip(curves, ("#1f5fa8", "#c2571a"), "os"):
+        for quantity, method, label in curves:
+            colour, marker = MARKS[method]
             curve(axes, *series(rows, method, quantity), scale, found[method][quantity], label, colour, marker)
         axes.set(xscale="log", yscale="log", xlabel="bars", ylabel=unit, title=title)
         axes.minorticks_off()
         axes.grid(color="#dddddd", linewidth=0.6)
         if axes.lines:
             axes.legend(frameon=False, fontsize=8, loc="upper left")
-            axes.set_ylim(top=8.0 * axes.get_ylim()[1])  # room for the legend
+            axes.set_ylim(top=30.0 * axes.get_ylim()[1])  # room for the legend
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path.with_suffix(".png"), dpi=110, metadata={"Software": None})
     figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
@@ -245,25 +225,30 @@ def report(result: dict) -> str:
     largest = max(r["bars"] for r in rows)
     last = {r["method"]: r for r in rows if r["bars"] == largest}
 
-    def power(quantity):
-        texts = ["not fitted" if found[m][quantity] is None else f"n^{found[m][quantity]:.2f}" for m in METHODS]
-        return " and ".join(texts)
+    def listed(texts):
+        return ", ".join(texts[:-1]) + " and " + texts[-1]
 
-    steps = " and ".join(f"{1e6 * last[m]['step']:.0f}" for m in METHODS)
-    memories = [last[m]["memory"] for m in METHODS]
-    held = "not known here" if None in memories else " and ".join(f"{1e-6 * used:.0f}" for used in memories) + " MB"
+    def power(quantity, methods=METHODS):
+        return ["not fitted" if found[m][quantity] is None else f"n^{found[m][quantity]:.2f}" for m in methods]
+
+    steps = listed([f"{1e6 * last[m]['step']:.0f}" for m in METHODS])
+    names = listed([label.split("(")[1].rstrip(")") for label in METHODS.values()])
     lines = [
         "# Growth",
         "",
         "![Time and memory against the number of bars](figures/growth.png)",
         "",
         "A tower of n stages has 3 n bars that meet only through strings, so by theory a step, a transition and the memory "
-        f"cost a constant times n; from {3 * FIT_FROM} to {largest} bars the explicit and the L-stable method grow with "
-        f"{power('step')} per accepted step, {power('transition')} per transition and {power('memory')} in memory, where "
-        f"n^{LIMIT:g} is the limit that we set.  With {largest} bars a step takes {steps} \u00b5s and the kernel holds {held} "
-        f"(one thread, {where['processor']}, commit {where['commit']}, {where['date']}; the figures stand in [growth.json](growth.json)).",
+        f"cost a constant times n; from {3 * FIT_FROM} to {largest} bars {names} grow with {listed(power('step'))} per "
+        f"accepted step and {listed(power('transition'))} per transition, and the memory with {power('memory', ['dop853'])[0]}, "
+        f"where n^{LIMIT:g} is the limit that we set.  With {largest} bars a step takes {steps} \u00b5s and a simulation holds "
+        f"{1e-6 * last['dop853']['memory']:.0f} MB (one thread, {where['processor']}, commit {where['commit']}, {where['date']}; "
+        "the figures stand in [growth.json](growth.json)).",
         "",
-        "Drawn by `python benchmarks/growth.py`, which also says what was measured and how.",
+        "Where the matrices of an implicit step outgrow the processor's caches, its time per bar rises once to what memory "
+        "delivers, which the fit takes for growth; [scene-costs.md](scene-costs.md) measures both levels.",
+        "",
+        "Drawn by `python benchmarks/growth.py`, which also says what was measured and how; `--redraw` draws it again from that file.",
         "",
     ]
     return "\n".join(lines)
@@ -274,21 +259,15 @@ def main() -> None:
     parser.add_argument("--stages", type=int, nargs="+", default=STAGES)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--memory-of", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--redraw", action="store_true", help="draw growth.json again, without measuring")
     options = parser.parse_args()
-    if options.memory_of:
-        print(json.dumps(memory_of(options.memory_of.read_bytes())))
-        return
-    rows = measure(tuple(options.stages), options.rounds)
-    result = {
-        "machine": machine.describe(),
-        "push": {"down": -DOWN, "aside": ASIDE, "duration": DURATION, "tension": [LIGHT, HIGH], "tolerance": TOLERANCE},
-        "exponents": exponents(rows),
-        "fitted_from_stages": FIT_FROM,
-        "rows": rows,
-    }
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / "growth.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    data = options.output / "growth.json"
+    if options.redraw:
+        result = json.loads(data.read_text(encoding="utf-8"))
+    else:
+        result = collect(tuple(options.stages), options.rounds)
+        options.output.mkdir(parents=True, exist_ok=True)
+        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     draw(result, options.output / "figures" / "growth")
     text = report(result)
     (options.output / "growth.md").write_text(text, encoding="utf-8")

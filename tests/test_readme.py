@@ -116,6 +116,13 @@ def test_ci_takes_its_commands_out_of_the_readme():
     assert done.stdout.splitlines() == setup_commands()
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_benchmarks_that_a_page_names_start(page):
+    """They take minutes; that they exist, find what they import and know their options shows in their help."""
+    for script in sorted(set(re.findall(r"python ((?:benchmarks|docs)/[\w/]+\.py)", page.read_text(encoding="utf-8")))):
+        run([sys.executable, str(ROOT / script), "--help"], ROOT)
+
+
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     found = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))

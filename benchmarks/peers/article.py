@@ -1,0 +1,82 @@
+"""The article's formulation, its matrix equations in NumPy (tensegrity_core/reference.py), integrated by SciPy as the
+article does it: an explicit Runge-Kutta method across the transitions.  RK45 is the pair behind MATLAB's ode45."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from problems import INSTANTS, Problem
+from tensegrity_core import reference
+
+from .ladder import Clock, Ladder, Run, tolerances
+
+METHODS = ("RK45", "DOP853")
+
+
+class Article:
+    """X = [N Ndot] (eq. 4) as a vector and its derivative (eq. 7), pieces of the force curves from the elongations."""
+
+    def __init__(self, problem: Problem):
+        model = problem.model
+        self.s = reference.structure(model)
+        force = problem.force.T * self.s.in_plane
+        self.load = reference.Load(0.0, force, model.rest_length, np.zeros(len(model.strings)))
+        self.shape = (3, 2 * len(model.nodes))
+        self.start = np.concatenate((model.nodes.T, model.velocity.T), axis=1).ravel()
+        self.clock = Clock(np.inf)
+        self.modes: dict[bytes, reference.Mode] = {}
+        self.slack = np.zeros(len(model.strings), dtype=bool)
+
+    def mode(self, N: np.ndarray, Ndot: np.ndarray) -> reference.Mode:
+        """The pieces that the elongations lie on."""
+        stretch = reference.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
+        piece = (stretch > 0.0).astype(int)
+        for j, _ in self.s.honeycombs:
+            piece[j] = np.searchsorted(self.s.breakpoints[j], stretch[j])
+        key = piece.tobytes()
+        if key not in self.modes:
+            self.modes[key] = reference.mode_of(self.s, piece, self.slack)
+        return self.modes[key]
+
+    def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
+        self.clock()
+        N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
+        return reference.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot).Xdot.ravel()
+
+    def energy(self, y: np.ndarray) -> float:
+        """Kinetic, potential and elastic, J."""
+        N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
+        stretch = reference.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
+        kinetic = 0.5 * np.trace(Ndot @ self.s.M @ Ndot.T)
+        return kinetic - np.sum(self.s.weight * N) + reference.elastic_energy(self.s, stretch)
+
+
+def _measure(problem: Problem, article: Article, method: str, tolerance: float, repetitions: int, limit: float) -> Run:
+    seconds, times = [], np.linspace(0.0, problem.duration, INSTANTS + 1)
+    for _ in range(repetitions):
+        start = time.perf_counter()
+        article.clock = Clock(limit)
+        try:
+            with np.errstate(all="ignore"):  # what is not finite shows in the result
+                sol = solve_ivp(article.rhs, (0.0, problem.duration), article.start, method, times, rtol=tolerance, atol=tolerance)
+        except TimeoutError as failure:
+            return Run([time.perf_counter() - start], failure=str(failure))
+        seconds.append(time.perf_counter() - start)
+        if sol.status < 0:
+            return Run(seconds, failure=sol.message)
+    position = sol.y.T.reshape(INSTANTS + 1, *article.shape)[:, :, : article.shape[1] // 2].transpose(0, 2, 1)
+    energy = np.array([article.energy(y) for y in sol.y.T])
+    return Run(seconds, position[:, :, list(problem.model.axes)], energy, {"rhs": sol.nfev})
+
+
+def ladders(problem: Problem) -> list[Ladder]:
+    """ode45's pair and SciPy's method of order 8."""
+    article = Article(problem)
+    found = []
+    for method in METHODS:
+        measure = lambda tol, n, limit, m=method: _measure(problem, article, m, tol, n, limit)  # noqa: E731
+        found.append(Ladder("article", method, False, "tolerance", tolerances(1e-3, 1e-10), measure))
+    return found

@@ -1,0 +1,61 @@
+"""What every contender gives: runs of one method at a ladder of settings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+class Clock:
+    """Ends a run that takes longer than its limit (s): call it now and then, it raises TimeoutError."""
+
+    def __init__(self, limit: float):
+        self.limit = limit
+        self.deadline = time.perf_counter() + limit
+
+    def __call__(self) -> None:
+        if time.perf_counter() > self.deadline:
+            raise TimeoutError(too_long(self.limit))
+
+
+def too_long(limit: float) -> str:
+    """What is noted of a run that was ended."""
+    return f"took longer than {limit:g} s"
+
+
+@dataclass
+class Run:
+    """seconds: of every repetition; position: (21, N, D) m at the output instants, the start first; energy: (21,) J, or
+    None; counts: what the solver counted; failure: why there is no result."""
+
+    seconds: list[float]
+    position: np.ndarray | None = None
+    energy: np.ndarray | None = None
+    counts: dict[str, int] = field(default_factory=dict)
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """One method on one problem.
+
+    family: who made it ('kernel', 'cvode', 'arkode', 'plain', 'scipy', 'article', 'mujoco'; plain: CVODE and ARKODE as set
+    up without tuning); events: transitions are located; kind: what the settings are, 'tolerance' or 'step' (s), loose ones
+    first; measure(setting, repetitions, limit) -> Run, which fails where one repetition takes longer than the limit (s).
+    """
+
+    family: str
+    method: str
+    events: bool
+    kind: str
+    settings: tuple[float, ...]
+    measure: Callable[[float, int, float], Run]
+
+
+def tolerances(loosest: float, tightest: float, per_decade: int = 1) -> tuple[float, ...]:
+    """Equally spaced on a logarithmic scale, both ends included."""
+    steps = round(per_decade * np.log10(loosest / tightest))
+    return tuple(float(f"{x:.3g}") for x in np.geomspace(loosest, tightest, steps + 1))

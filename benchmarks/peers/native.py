@@ -1,0 +1,107 @@
+"""Contenders in C: our kernel and SUNDIALS, each job a run of the compiled program (main.c)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+from problems import INSTANTS, Problem
+from tensegrity_core.fields import METHODS
+from tensegrity_core.model import to_bytes
+
+from .ladder import Ladder, Run, tolerances, too_long
+from .toolchain import Tools
+
+#: Methods of the kernel whose step is its `max_step`; every other one has a tolerance.
+FIXED_STEP = {"rk4", "ros2"}
+#: Fractions of the time between two output instants, largest first.
+STEPS_PER_INSTANT = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
+#: How transitions are treated; see peer.h.
+NO_EVENTS, DIRECTED, PLAIN = 0, 1, 2
+CVODE = ("cvode_bdf", "cvode_adams")
+ARKODE = (
+    "erk_ARKODE_CASH_KARP_6_4_5", "erk_ARKODE_DORMAND_PRINCE_7_4_5", "erk_ARKODE_VERNER_8_5_6",
+    "erk_ARKODE_FEHLBERG_13_7_8", "dirk_ARKODE_ESDIRK436L2SA_6_3_4", "dirk_ARKODE_ESDIRK547L2SA2_7_4_5",
+    "dirk_ARKODE_KVAERNO_7_4_5",
+)  # fmt: skip
+#: Without tuning: ARKODE's own choice of table for an order.
+UNTUNED = (*CVODE, "erk_4", "erk_5", "dirk_4", "dirk_5")
+#: Of interest without root finding.
+ACROSS = (*CVODE, "erk_ARKODE_CASH_KARP_6_4_5", "dirk_ARKODE_ESDIRK547L2SA2_7_4_5")
+
+
+def fixed_steps(problem: Problem, counts: tuple[int, ...] = STEPS_PER_INSTANT) -> tuple[float, ...]:
+    """Steps (s) that divide the time between output instants; the same for a long problem as for one of 1 s."""
+    return tuple(1.0 / INSTANTS / n for n in counts)
+
+
+class Bench:
+    """Runs jobs of one problem; the folder holds its packed models and forces."""
+
+    def __init__(self, problem: Problem, tools: Tools, folder: Path):
+        self.problem, self.tools, self.folder = problem, tools, folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self.force = folder / "force.bin"
+        self.force.write_bytes(problem.kernel_force.astype("<f8").tobytes())
+        self.model = self._packed("model.bin")
+
+    def _packed(self, name: str, **defaults) -> Path:
+        path = self.folder / name
+        if not path.is_file():
+            path.write_bytes(to_bytes(self.problem.model, **defaults))
+        return path
+
+    def run(self, method: str, model: Path, tolerance: float, events: int, repetitions: int, limit: float) -> Run:
+        """One job; its first run is not timed and comes on top of the repetitions."""
+        command = [str(self.tools.program), str(model), str(self.force), method, repr(float(tolerance)), str(events)]
+        command += [repr(float(self.problem.duration)), str(INSTANTS), str(repetitions)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=(repetitions + 1) * limit)
+        except subprocess.TimeoutExpired:
+            return Run([], failure=too_long(limit))
+        if done.returncode:
+            raise SystemExit(f"command failed: {' '.join(command)}\n{done.stderr}")
+        result = json.loads(done.stdout)
+        if result["status"]:
+            return Run(result["seconds"], failure=f"{result['reason']} ({result['status']})")
+        axes = len(self.problem.model.axes)
+        position = np.array([row["position"] for row in result["rows"]], dtype=float).reshape(INSTANTS + 1, -1, axes)
+        energy = np.array([row["energy"] for row in result["rows"]], dtype=float)
+        return Run(result["seconds"], position, energy, result["counts"])
+
+    def kernel(self, method: str, tolerance: float, step: float, repetitions: int, limit: float = 60.0) -> Run:
+        """Our kernel; step: of a fixed-step method, else 0."""
+        name = f"{method}_{tolerance:g}_{step:g}.bin"
+        model = self._packed(name, method=method, tolerance=tolerance, max_step=step)
+        return self.run("kernel", model, tolerance, DIRECTED, repetitions, limit)
+
+
+def kernel_ladders(bench: Bench) -> list[Ladder]:
+    """Every method of the kernel."""
+    found = []
+    for method in METHODS:
+        if method in FIXED_STEP:
+            measure = lambda step, n, limit, m=method: bench.kernel(m, 1e-10, step, n, limit)  # noqa: E731
+            found.append(Ladder("kernel", method, True, "step", fixed_steps(bench.problem), measure))
+        else:
+            measure = lambda tol, n, limit, m=method: bench.kernel(m, tol, 0.0, n, limit)  # noqa: E731
+            found.append(Ladder("kernel", method, True, "tolerance", tolerances(1e-3, 1e-12, 2), measure))
+    return found
+
+
+def _sundials(bench: Bench, family: str, method: str, events: int, per_decade: int) -> Ladder:
+    measure = lambda tol, n, limit: bench.run(method, bench.model, tol, events, n, limit)  # noqa: E731
+    return Ladder(family, method, events != NO_EVENTS, "tolerance", tolerances(1e-3, 1e-12, per_decade), measure)
+
+
+def sundials_ladders(bench: Bench) -> list[Ladder]:
+    """CVODE and ARKODE, with root finding and without, and without tuning; none where SUNDIALS is missing."""
+    if bench.tools.sundials is None:
+        return []
+    families = {method: "cvode" if method in CVODE else "arkode" for method in (*CVODE, *ARKODE)}
+    found = [_sundials(bench, family, method, DIRECTED, 2) for method, family in families.items()]
+    found += [_sundials(bench, families[method], method, NO_EVENTS, 1) for method in ACROSS]
+    return found + [_sundials(bench, "plain", method, PLAIN, 2) for method in UNTUNED]

@@ -1,0 +1,161 @@
+"""SciPy's solvers over the kernel's compiled right-hand side, with events and restarts or without."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from ctypes import POINTER, c_char_p, c_double, c_int, c_int32, c_void_p
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from problems import INSTANTS
+
+from .ladder import Clock, Ladder, Run, tolerances
+from .native import Bench
+
+METHODS = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
+IMPLICIT = {"Radau", "BDF", "LSODA"}
+#: Of interest without events.
+ACROSS = ("RK45", "DOP853", "Radau")
+#: Right-hand sides between two looks at the clock.
+CLOCK_EVERY = 256
+
+_PROTOTYPES = {
+    "peer_new": (c_void_p, c_char_p, c_char_p, c_int),
+    "peer_delete": (None, c_void_p),
+    "peer_sizes": (None, c_void_p, POINTER(c_int32)),
+    "peer_start": (POINTER(c_double), c_void_p),
+    "peer_begin": (None, c_void_p),
+    "peer_rhs": (None, c_void_p, c_void_p, c_void_p),
+    "peer_jacobian": (None, c_void_p, c_void_p, c_void_p),
+    "peer_distances": (None, c_void_p, c_void_p, c_void_p),
+    "peer_switch": (None, c_void_p, c_void_p, c_void_p),
+    "peer_outputs": (c_double, c_void_p, c_void_p, c_void_p),
+}
+
+
+class Compiled:
+    """The problem of peer.h as functions of NumPy arrays; events: see there."""
+
+    def __init__(self, bench: Bench, events: bool):
+        self.library = ctypes.CDLL(str(bench.tools.library))
+        for name, (result, *arguments) in _PROTOTYPES.items():
+            function = getattr(self.library, name)
+            function.restype, function.argtypes = result, arguments
+        self.peer = self.library.peer_new(str(bench.model).encode(), str(bench.force).encode(), int(events))
+        if not self.peer:
+            raise SystemExit(f"the peers' library refuses the model of {bench.problem.name}")
+        sizes = (c_int32 * 3)()
+        self.library.peer_sizes(self.peer, sizes)
+        self.n, self.roots, self.coordinates = sizes
+        self.x, self.dx, self.g = np.empty(self.n), np.empty(self.n), np.empty(self.roots)
+        self.J = np.empty((self.n, self.n))
+        self.at_x, self.at_dx, self.at_g, self.at_J = (a.ctypes.data for a in (self.x, self.dx, self.g, self.J))
+        self.watched = None  # the state that g belongs to
+        self.clock, self.calls = Clock(np.inf), 0
+        self.start = np.ctypeslib.as_array(self.library.peer_start(self.peer), (self.n,)).copy()
+
+    def __del__(self):
+        self.library.peer_delete(self.peer)
+
+    def begin(self, limit: float) -> None:
+        self.clock = Clock(limit)
+        self.watched = None
+        self.library.peer_begin(self.peer)
+
+    def rhs(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        if self.calls % CLOCK_EVERY == 0:
+            self.clock()
+        self.x[:] = x
+        self.library.peer_rhs(self.peer, self.at_x, self.at_dx)
+        return self.dx.copy()
+
+    def jacobian(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.x[:] = x
+        self.library.peer_jacobian(self.peer, self.at_x, self.at_J)
+        return self.J.T
+
+    def events(self) -> list:
+        """A terminal event per end of a piece: the distance inside it falls through zero.  A step's end costs one call."""
+
+        def watch(root):
+            def distance(t, x):
+                if x is not self.watched:
+                    self.watched = x
+                    self.x[:] = x
+                    self.library.peer_distances(self.peer, self.at_x, self.at_g)
+                return self.g[root]
+
+            distance.terminal, distance.direction = True, -1.0
+            return distance
+
+        return [watch(root) for root in range(self.roots)]
+
+    def switch(self, x: np.ndarray, found: np.ndarray) -> np.ndarray:
+        """x on the bars' lengths, after the transitions that were found: (roots,) int32."""
+        self.x[:] = x
+        self.watched = None
+        self.library.peer_switch(self.peer, self.at_x, found.ctypes.data)
+        return self.x.copy()
+
+    def outputs(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """Coordinates of all nodes, m; energy, J."""
+        position = np.empty(self.coordinates)
+        self.x[:] = x
+        return position, self.library.peer_outputs(self.peer, self.at_x, position.ctypes.data)
+
+
+def _integrate(compiled: Compiled, method: str, tolerance: float, events: bool, duration: float):
+    """States at the output instants, and the counts; RuntimeError where SciPy gives up."""
+    watches = compiled.events() if events else None
+    options = {"method": method, "rtol": tolerance, "atol": tolerance, "events": watches}
+    if method in IMPLICIT:
+        options["jac"] = compiled.jacobian
+    times, t, x = np.linspace(0.0, duration, INSTANTS + 1), 0.0, compiled.start
+    rows, counts = [], {"rhs": 0, "jacobians": 0, "transitions": 0}
+    while t < duration:
+        sol = solve_ivp(compiled.rhs, (t, duration), x, t_eval=times[len(rows) :], **options)
+        rows += list(np.transpose(sol.y))  # [] where the event came before the next instant
+        counts["rhs"] += int(sol.nfev)
+        counts["jacobians"] += int(sol.njev)
+        if sol.status < 0:
+            raise RuntimeError(sol.message)
+        if sol.status == 0:
+            break
+        first = max(range(len(watches)), key=lambda r: len(sol.t_events[r]))  # all that fired stopped at the same instant
+        t, state = sol.t_events[first][-1], sol.y_events[first][-1]
+        found = np.array([len(instants) > 0 and instants[-1] == t for instants in sol.t_events], dtype=np.int32)
+        x = compiled.switch(state, found)
+        counts["transitions"] += int(found.sum())
+    return rows, counts
+
+
+def _measure(
+    bench: Bench, compiled: Compiled, method: str, tolerance: float, events: bool, repetitions: int, limit: float
+) -> Run:
+    seconds = []
+    for _ in range(repetitions):
+        compiled.begin(limit)
+        start = time.perf_counter()
+        try:
+            with np.errstate(all="ignore"):  # a trial step may overflow
+                rows, counts = _integrate(compiled, method, tolerance, events, bench.problem.duration)
+        except (TimeoutError, RuntimeError, ValueError) as failure:  # ValueError: SciPy's linear algebra refuses what is not finite
+            return Run([time.perf_counter() - start], failure=str(failure))
+        seconds.append(time.perf_counter() - start)
+    outputs = [compiled.outputs(x) for x in rows]
+    position = np.array([position for position, _ in outputs]).reshape(INSTANTS + 1, -1, len(bench.problem.model.axes))
+    return Run(seconds, position, np.array([energy for _, energy in outputs]), counts)
+
+
+def ladders(bench: Bench) -> list[Ladder]:
+    """SciPy's methods, with events and without."""
+    found = []
+    for events in (True, False):
+        compiled = Compiled(bench, events)
+        for method in METHODS if events else ACROSS:
+            measure = lambda tol, n, limit, c=compiled, m=method, e=events: _measure(bench, c, m, tol, e, n, limit)  # noqa: E731
+            found.append(Ladder("scipy", method, events, "tolerance", tolerances(1e-3, 1e-12), measure))
+    return found

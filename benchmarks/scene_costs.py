@@ -1,0 +1,344 @@
+"""What a scene costs, and what it does not pay for: ``python benchmarks/scene_costs.py`` writes docs/scene_costs.json and
+docs/scene-costs.md.
+
+Everything is measured in C (scene_costs.c, compiled with the kernel's own sources and flags); a C compiler is needed.  All
+scenes take part in every round, so that they see the same state of the machine; shown are the minimum and the median over
+the rounds.  Definitions:
+
+* parts of a step: calls one after the other at a state of the scene's motion, all strings as at its start;
+* step: a run in which no string changes its piece, over its accepted steps, so with the rejected ones and with step size
+  control, search for transitions and outputs.  The push is reduced by halves until no method meets a transition;
+* transition: a run under the full push, less what its attempted steps (accepted and rejected) would have cost in the run
+  without transitions, over its transitions: location on the dense output, switching and the new start.  Beside it stands by
+  how many attempts the run exceeds the one without transitions, for each transition;
+* cold: one call after the caches were emptied.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import machine  # noqa: E402
+from problems import PUSH_ASIDE, PUSH_UP  # noqa: E402
+
+from tensegrity_core.fields import METHODS  # noqa: E402
+from tensegrity_core.model import Model, to_bytes  # noqa: E402
+from tensegrity_core.scene import load_scene  # noqa: E402
+from tensegrity_core.statics import build_model  # noqa: E402
+from tensegrity_core.towers import tower  # noqa: E402
+
+NATIVE = ROOT / "tensegrity_core" / "native"
+STEPPED = ("dop853", "rodas5p", "radau9", "ros2")
+PARTS = {
+    "rhs": "right-hand side",
+    "jacobian": "Jacobian",
+    "factorisation": "factorisation",
+    "solve": "solve",
+    "complex_factorisation": "complex factorisation",
+    "complex_solve": "complex solve",
+}
+SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
+TOWERS = {10: 0.2, 100: 0.05}  # stages: duration of a run, s
+LARGE = (100, 500, 1000)  # stages of the towers that are also measured with empty caches
+SPACE, FREED = "two_bar in space", "three_bar without supports"
+TOLERANCE, DURATION = 1e-8, 1.0
+PARTS_ONLY, RUNS, COLD = "p", "pr", "pc"  # letters of scene_costs.c
+
+# --- scenes ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene to measure; what: letters of scene_costs.c; duration: of a run, s."""
+
+    name: str
+    model: Model
+    what: str
+    duration: float = DURATION
+
+    @property
+    def force(self) -> np.ndarray:
+        """The kernel's input `force`, N: up on the top nodes, aside on the first of them."""
+        height = self.model.nodes[:, 2]
+        top = np.flatnonzero(height > height.max() - 0.01)
+        force = np.zeros((len(height), 3))
+        force[top, 2] = PUSH_UP
+        force[top[0], 0] = PUSH_ASIDE
+        return force[np.ix_(self.model.free_nodes, self.model.axes)].ravel()
+
+
+def subjects() -> list[Subject]:
+    """All scenes, and the same in other forms to compare with."""
+    models = {name: build_model(load_scene(name)) for name in SCENES}
+    found = [Subject(name, model, RUNS) for name, model in models.items()]
+    for stages in sorted({*TOWERS, *LARGE}):
+        what = (RUNS if stages in TOWERS else PARTS_ONLY) + (COLD[1:] if stages in LARGE else "")
+        found.append(Subject(tower_name(stages), build_model(tower(stages)), what, TOWERS.get(stages, DURATION)))
+    found.append(Subject(SPACE, replace(models["two_bar"], axes=(0, 1, 2)), PARTS_ONLY, 1e-3))
+    supports = np.zeros(len(models["three_bar"].nodes), dtype=bool)
+    found.append(Subject(FREED, replace(models["three_bar"], fixed=supports, gravity=0.0), PARTS_ONLY, 1e-3))
+    return found
+
+
+def tower_name(stages: int) -> str:
+    return f"tower of {stages}"
+
+
+# --- measuring ---------------------------------------------------------------------------------------------------
+
+
+def build(folder: Path) -> Path:
+    """Compile scene_costs.c with the kernel's sources, by the compiler and flags that the package is built with."""
+    spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
+    kernel = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(kernel)
+    compiler = kernel.system_compiler()
+    if compiler is None:
+        raise SystemExit("no C compiler found; install one (Debian: apt-get install gcc) or set CC")
+    program = folder / "scene_costs"
+    flags = [flag for flag in kernel.FLAGS if flag != "-shared"]
+    sources = [str(Path(__file__).with_suffix(".c")), *sorted(str(path) for path in NATIVE.glob("*.c"))]
+    run = subprocess.run([*compiler, *flags, f"-I{NATIVE}", *sources, "-lm", "-o", str(program)], capture_output=True, text=True)
+    if run.returncode:
+        raise SystemExit(f"compiling failed; command: {' '.join(run.args)}\n{run.stderr}")
+    return program
+
+
+def measure(cases: list[Subject], rounds: int) -> list[dict]:
+    """One row per scene: facts, and {min, median, batches} of each time in ns."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        command = [str(build(folder)), str(rounds), ",".join(str(METHODS.index(method)) for method in STEPPED)]
+        for i, case in enumerate(cases):
+            model, force = folder / f"{i}.model", folder / f"{i}.force"
+            model.write_bytes(to_bytes(case.model, tolerance=TOLERANCE))
+            case.force.tofile(force)
+            command += [str(model), str(force), repr(case.duration), case.what]
+        run = subprocess.run(command, capture_output=True, text=True)
+        if run.returncode:
+            raise SystemExit(run.stderr)
+    facts, times = parse(run.stdout)
+    return [row(case, facts[i], times[i]) for i, case in enumerate(cases)]
+
+
+def parse(output: str) -> tuple[dict, dict]:
+    """Facts and lists of times (ns), by scene and name."""
+    facts: dict[int, dict] = defaultdict(dict)
+    times: dict[int, dict] = defaultdict(lambda: defaultdict(list))
+    for line in output.splitlines():
+        number, name, *value = line.split()
+        if value[0] == "=":
+            facts[int(number)][name] = float(value[1])
+        else:
+            times[int(number)][name].append(float(value[0]))
+    return facts, times
+
+
+def summary(values: list[float]) -> dict:
+    return {"min": min(values), "median": median(values), "batches": len(values)}
+
+
+def row(case: Subject, facts: dict, times: dict) -> dict:
+    """What docs/scene_costs.json says of a scene; times in ns."""
+    result = {"scene": case.name} | {key: int(facts[key]) for key in ("bars", "states", "strings", "blocks", "memory")}
+    for part in PARTS:
+        result[part] = summary(times[part])
+        if "c" in case.what:
+            result["cold_" + part] = summary(times["cold_" + part])
+    if "r" in case.what:
+        result |= {"duration": case.duration, "smooth_part": facts["smooth_part"]}
+        result["methods"] = {method: stepping(facts, times, METHODS.index(method)) for method in STEPPED}
+    return result
+
+
+def stepping(facts: dict, times: dict, number: int) -> dict:
+    """Steps and transitions of one method, after the definitions above."""
+    counts = {
+        kind: {name: int(facts[f"{kind}_{number}_{name}"]) for name in ("steps", "rejected", "rhs", "transitions")}
+        for kind in ("smooth", "full")
+    }
+    runs = {kind: summary(times[f"{kind}_{number}"]) for kind in counts}
+    attempts = {kind: found["steps"] + found["rejected"] for kind, found in counts.items()}
+    step = {key: runs["smooth"][key] / counts["smooth"]["steps"] for key in ("min", "median")}
+    transitions = counts["full"]["transitions"]
+    transition = added = None
+    if transitions:
+        share = attempts["full"] / attempts["smooth"]
+        transition = {key: (runs["full"][key] - share * runs["smooth"][key]) / transitions for key in ("min", "median")}
+        added = (attempts["full"] - attempts["smooth"]) / transitions
+    return {"step": step, "transition": transition, "added_attempts": added, "runs": runs, "counts": counts}
+
+
+# --- showing -----------------------------------------------------------------------------------------------------
+
+
+def number(value: float) -> str:
+    """Three digits, without an exponent."""
+    return f"{value:.3g}" if value < 1000.0 else f"{float(f'{value:.3g}'):.0f}"
+
+
+def cell(values: dict | None, scale: float = 1.0) -> str:
+    """Minimum and median."""
+    return "–" if values is None else f"{number(scale * values['min'])} ({number(scale * values['median'])})"
+
+
+def table(head: list[str], body: list[list[str]]) -> list[str]:
+    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *body)]
+
+
+def part_rows(rows: list[dict]) -> list[str]:
+    head = ["scene", "bars", "states", "strings", *PARTS.values()]
+    body = [[r["scene"], *(str(r[key]) for key in ("bars", "states", "strings")), *(cell(r[p]) for p in PARTS)] for r in rows]
+    return table(head, body)
+
+
+def step_rows(rows: list[dict]) -> list[str]:
+    body = [[r["scene"], *(cell(r["methods"][m]["step"], 1e-3) for m in STEPPED)] for r in rows]
+    return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
+
+
+def transition_cell(found: dict) -> str:
+    if found["transition"] is None:
+        return "–"
+    return f"{cell(found['transition'], 1e-3)}; {found['added_attempts']:+.1f}; {found['counts']['full']['transitions']}"
+
+
+def transition_rows(rows: list[dict]) -> list[str]:
+    body = [[r["scene"], *(transition_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
+    return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
+
+
+def ratio_rows(known: dict[str, dict]) -> list[str]:
+    """Parts of the scene that has something, over those of the one that has not."""
+    pairs = [("space instead of the plane", SPACE, "two_bar"), ("free bars instead of pinned ones", FREED, "three_bar")]
+    pairs += [("NSH", f"{name}_nsh", name) for name in ("two_bar", "three_bar", "six_bar")]
+    body = []
+    for what, more, less in pairs:
+        a, b = known[more], known[less]
+        ratios = [f"{a[part]['min'] / b[part]['min']:.2f}" for part in PARTS]
+        body.append([what, f"{more} / {less}", f"{a['states']} / {b['states']}", *ratios])
+    return table(["what", "scenes", "states", *PARTS.values()], body)
+
+
+def nsh_rows(known: dict[str, dict]) -> list[str]:
+    """With NSH over without, by method: a second without transitions, and a transition."""
+    body = []
+    for name in ("two_bar", "three_bar", "six_bar"):
+        with_nsh, plain = known[f"{name}_nsh"]["methods"], known[name]["methods"]
+        cells = []
+        for m in STEPPED:
+            a, b = with_nsh[m], plain[m]
+            second = a["runs"]["smooth"]["min"] / b["runs"]["smooth"]["min"]
+            both = a["transition"] and b["transition"] and b["transition"]["min"] > 0.0
+            cells.append(f"{second:.2f}; " + (f"{a['transition']['min'] / b['transition']['min']:.2f}" if both else "–"))
+        body.append([name, *cells])
+    return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
+
+
+def cold_rows(known: dict[str, dict]) -> list[str]:
+    """Warm and cold, per block of the matrices."""
+    body = []
+    for stages in LARGE:
+        r = known[tower_name(stages)]
+        times = [f"{number(r[p]['min'] / r['blocks'])}; {number(r['cold_' + p]['min'] / r['blocks'])}" for p in PARTS]
+        body.append([r["scene"], f"{1e-6 * r['memory']:.0f}", *times])
+    return table(["scene", "MB", *PARTS.values()], body)
+
+
+def report(result: dict) -> str:
+    """docs/scene-costs.md."""
+    rows, where = result["rows"], result["machine"]
+    known = {r["scene"]: r for r in rows}
+    stepped = [r for r in rows if "methods" in r]
+    first, last = known["two_bar"], known[tower_name(max(LARGE))]
+    per_string = [number(r["rhs"]["min"] / r["strings"]) for r in (first, last)]
+    return "\n".join(
+        [
+            "# What a scene costs",
+            "",
+            f"Written by `python benchmarks/scene_costs.py`, which also defines each quantity; the figures stand in "
+            f"[scene_costs.json](scene_costs.json).  Measured from C on {where['processor']}, {where['system']}, one thread, "
+            f"commit {where['commit']}, {where['date']}; minimum (median) of {rows[0]['rhs']['batches']} batches or more.",
+            "",
+            "## Parts of a step, ns",
+            "",
+            "States are positions and velocities in generalised coordinates: a pinned bar has one vector of each, a free bar two.  "
+            f"A right-hand side takes {per_string[0]} ns for each string of two_bar and {per_string[1]} ns for each of the "
+            f"{last['strings']} of the largest tower; the complex systems are those of `radau9`.",
+            "",
+            *part_rows([r for r in rows if r["scene"] not in (SPACE, FREED)]),
+            "",
+            "## An accepted step, µs",
+            "",
+            f"Mean over a run without transitions at tolerance {TOLERANCE:g} (`ros2`: steps of 1 ms), with all that belongs to it: "
+            "rejected steps, error control, the search for transitions, outputs.  The implicit methods take fewer of them.",
+            "",
+            *step_rows(stepped),
+            "",
+            "## A transition",
+            "",
+            "µs for location, switching and the new start; then the attempted steps by which the run exceeds the one without "
+            f"transitions, for each transition; then how many transitions there were, under {PUSH_UP:g} N up on the top nodes "
+            f"and {PUSH_ASIDE:g} N aside on one of them.  Times are differences of two runs and as uncertain; attempts are fewer "
+            "(–) where slack strings let longer steps pass.",
+            "",
+            *transition_rows(stepped),
+            "",
+            "## What a scene does not pay for",
+            "",
+            "Times of the scene that has something over those of the same one without it (minima): two_bar computed in space "
+            "instead of in its plane, three_bar with its supports taken away, scenes with NSH.  Ratios above 1 are what the "
+            "scene without it saves, as the kernel leaves out what a scene has not.",
+            "",
+            *ratio_rows(known),
+            "",
+            "With NSH over without, by method: the run without transitions; a transition.",
+            "",
+            *nsh_rows(known),
+            "",
+            "## Caches",
+            "",
+            "ns for each block of the Jacobian, one call after the other; with empty caches.  Per block the work is the same at "
+            "any size: where matrices outgrow the caches, all calls cost what those with empty caches cost, and no more.",
+            "",
+            *cold_rows(known),
+            "",
+        ]
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=25)
+    parser.add_argument("--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("--redraw", action="store_true", help="write the page again from scene_costs.json, without measuring")
+    options = parser.parse_args()
+    data = options.output / "scene_costs.json"
+    if options.redraw:
+        result = json.loads(data.read_text(encoding="utf-8"))
+    else:
+        push = {"up": PUSH_UP, "aside": PUSH_ASIDE, "tolerance": TOLERANCE}
+        result = {"machine": machine.describe(), "push": push, "rows": measure(subjects(), options.rounds)}
+        options.output.mkdir(parents=True, exist_ok=True)
+        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    text = report(result)
+    (options.output / "scene-costs.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""Extreme parameters on every method: the run finishes, with its error, or stops with a named error.
+
+python benchmarks/stability/extremes.py [--redraw]
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Callable, NamedTuple
+
+import common
+import numpy as np
+from maps import base
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from pushed_run import ASIDE, UP, Run, deviation, run
+from spectrum import retuned
+
+from tensegrity_core.fields import METHODS
+from tensegrity_core.model import Model
+
+DURATION, POINTS = 1.0, 20
+#: The tolerance of the methods with an error test; the step of the others, s.
+TOLERANCE, STEP = 1e-8, 1e-3
+#: The reference and the run that says how well it is known: method and tolerance.
+REFERENCES = (("auto", 1e-12), ("rodas5p", 1e-11))
+
+
+class Extreme(NamedTuple):
+    """label; model: () -> Model; at_rest_length: strings that begin exactly at their rest length."""
+
+    label: str
+    model: Callable[[], Model]
+    at_rest_length: tuple = ()
+
+
+def _stiffer(scene: str) -> Model:
+    model = base(scene)
+    return retuned(model, stiffness=1e3 * float(model.stiffness[0]))
+
+
+def _masses(scene: str, low: float, high: float) -> Model:
+    model = base(scene)
+    return replace(model, bar_mass=np.geomspace(low, high, len(model.bars)))
+
+
+EXTREMES = {
+    "as it is": Extreme("three_bar as it is", lambda: base("three_bar")),
+    "d = 0": Extreme("d = 0", lambda: retuned(base("three_bar"), damping=0.0)),
+    "d = 1e5": Extreme("d = 1e5", lambda: retuned(base("three_bar"), damping=1e5)),
+    "k x 1000": Extreme("k × 1000, tensions kept", lambda: _stiffer("three_bar")),
+    "k x 1000, rest": Extreme("k × 1000, rest lengths kept",
+                              lambda: replace(base("three_bar"), stiffness=1e3 * base("three_bar").stiffness)),
+    "light bars": Extreme("bars of 1e-4, 1e-2, 1 kg", lambda: _masses("three_bar", 1e-4, 1.0)),
+    "heavy bars": Extreme("bars of 1, 1e2, 1e4 kg", lambda: _masses("three_bar", 1.0, 1e4)),
+    "six light bars": Extreme("six_bar, bars of 1e-4 … 1 kg", lambda: _masses("six_bar", 1e-4, 1.0)),
+    "one at rest length": Extreme("one string at its rest length", lambda: base("three_bar"), (0,)),
+    "all at rest length": Extreme("all strings at their rest lengths", lambda: base("three_bar"), tuple(range(6))),
+}  # fmt: skip
+
+
+# ----------------------------------------------------------------------------------------------------- what is measured
+
+def trial(extreme: Extreme, method: str, tolerance: float = TOLERANCE, duration: float = DURATION) -> Run:
+    """One method on one case; a fixed-step method takes STEP."""
+    settings = {"max_step": STEP} if method in ("rk4", "ros2") else {"tolerance": tolerance}
+    points = max(1, round(POINTS * duration / DURATION))
+    return run(extreme.model(), method, duration, points, extreme.at_rest_length, **settings)
+
+
+def outcomes(name: str, methods=METHODS, duration: float = DURATION) -> dict:
+    """Every method on a case.  known: m, how well the exact motion is known; nan where a reference stopped."""
+    extreme = EXTREMES[name]
+    tight, other = (trial(extreme, method, tolerance, duration) for method, tolerance in REFERENCES)
+    rows = []
+    for method in methods:
+        found = trial(extreme, method, duration=duration)
+        rows.append({"method": method, "status": found.status, "time": found.time, "error": deviation(found, tight),
+                     "ledger": found.ledger, "gain": float((found.energy - found.energy[0]).max()),
+                     **{key: found.stats[key] for key in ("transitions", "steps", "rejected")}})  # fmt: skip
+    return {"case": name, "label": extreme.label, "known": deviation(tight, other), "reference": [tight.status, other.status],
+            "transitions": tight.stats["transitions"], "rows": rows}  # fmt: skip
+
+
+def measure() -> dict:
+    started = time.perf_counter()
+    return {"cases": [outcomes(name) for name in EXTREMES], "tolerance": TOLERANCE, "step": STEP, "duration": DURATION,
+            "seconds": time.perf_counter() - started}  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------------------------- figures
+
+def draw(data: dict) -> Figure:
+    figure = common.new_figure(9.0, 4.6)
+    ax, cases = figure.subplots(), data["cases"]
+    names = [row["method"] for row in cases[0]["rows"]]
+    error = np.array([common.numbers([row["error"] for row in case["rows"]]) for case in cases])
+    drawn = ax.pcolormesh(np.clip(error, 1e-12, 1.0), norm=LogNorm(1e-12, 1.0), cmap="viridis", edgecolors="white", lw=1.0)
+    for i, case in enumerate(cases):
+        for j, row in enumerate(case["rows"]):
+            text = row["status"] if row["error"] is None else f"{row['error']:.0e}"
+            dark = row["error"] is not None and row["error"] < 1e-3
+            ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", color="white" if dark else "black", fontsize=7.5)
+    labels = [case["label"] + _doubt(case) for case in cases]
+    ax.set_xticks(np.arange(len(names)) + 0.5, names)
+    ax.set_yticks(np.arange(len(cases)) + 0.5, labels)
+    ax.grid(False)
+    ax.tick_params(length=0)
+    ax.invert_yaxis()
+    settings = f"tolerance {data['tolerance']:g}, rk4 and ros2 at {1e3 * data['step']:g} ms"
+    ax.set_title(f"Largest error within {data['duration']:g} s, m; {settings}")
+    figure.colorbar(drawn, ax=ax, label="m")
+    return figure
+
+
+def _doubt(case: dict) -> str:
+    """A mark where the exact motion is known to no better than a tenth of some finished run's error."""
+    errors = [row["error"] for row in case["rows"] if row["error"] is not None]
+    return " *" if errors and (case["known"] is None or case["known"] > 0.1 * min(errors)) else ""
+
+
+# ---------------------------------------------------------------------------------------------------------------- page
+
+def section(data: dict) -> str:
+    rows = []
+    for case in data["cases"]:
+        for row in case["rows"]:
+            finished = row["status"] == "finished"
+            ended = "finished" if finished else f"`{row['status']}` at {row['time']:.3g} s"
+            error = "–" if row["error"] is None else f"{row['error']:.1e}"
+            ledger = "–" if row["ledger"] is None else f"{row['ledger']:.0e}"
+            rows.append([case["label"], row["method"], ended, error, "–" if case["known"] is None else f"{case['known']:.0e}",
+                         ledger, str(row["transitions"]), str(row["steps"]), str(row["rejected"])])  # fmt: skip
+    runs = [row for case in data["cases"] for row in case["rows"]]
+    stopped = [row for row in runs if row["status"] != "finished"]
+    names = ", ".join(f"`{status}`" for status in sorted({row["status"] for row in stopped}))
+    doubtful = [case["label"] for case in data["cases"] if _doubt(case)]
+    end = f"{len(stopped)} stop with a named error ({names}; methods: {', '.join(sorted({r['method'] for r in stopped}))})"
+    header = ["case", "method", "ends", "error, m", "known to, m", "ledger", "transitions", "steps", "rejected"]
+    return common.wrapped(f"""
+## Extreme parameters
+
+![Errors at extreme parameters](figures/stability_extremes.png)
+
+Of {len(runs)} runs of {data['duration']:g} s, every method on three_bar with extreme damping, stiffness, masses and
+strings exactly at their rest lengths, {len(runs) - len(stopped)} finish and {end if stopped else 'none stops'}. A
+finished run is not thereby a right one: the colour and the table give its largest error against a run of `auto` at
+tolerance {REFERENCES[0][1]:g}.
+
+{common.table(header, rows)}
+
+"Known to" is the difference of that run from `rodas5p` at {REFERENCES[1][1]:g}: an error below it says
+nothing{_list(doubtful)}. The ledger is the largest gap of the energy balance, relative to the larger of 1 J and the
+energy that has passed. Methods with an error test have the tolerance {data['tolerance']:g}, rk4 and ros2 the step
+{1e3 * data['step']:g} ms. The push is {UP:g} N up on the top nodes and {ASIDE:g} N aside on one; scenes are those of the
+article with d = 500 N s/m.
+
+Command: `python benchmarks/stability/extremes.py`. {common.provenance(data)}
+""")
+
+
+def _list(labels: list[str]) -> str:
+    return f" (it exceeds a tenth of the smallest error, *, for: {'; '.join(labels)})" if labels else ""
+
+
+if __name__ == "__main__":
+    common.main("extremes", measure, draw, section)

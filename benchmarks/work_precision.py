@@ -1,0 +1,204 @@
+"""Work against precision: ``python benchmarks/work_precision.py`` writes docs/work_precision.json, the figures
+docs/figures/work_precision_*.{png,svg} and docs/work-precision.md.
+
+Every contender solves every problem (problems.py) at a ladder of tolerances or steps; error and time come from the same
+run.  The error is the largest deviation of the judged nodes from a run of our kernel at tolerance 1e-13, at 21 instants.
+Contenders take turns in each round, on one core; a time is the median of all repetitions.  A setting whose run takes longer
+than --limit is noted and left out, and so are the tighter ones of that contender.
+
+SUNDIALS needs its library and headers (Debian: apt-get install libsundials-dev), MuJoCo its wheel (pip install mujoco);
+what is missing is said, and its rows are left out.
+"""
+
+from __future__ import annotations
+
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"  # before NumPy is imported
+
+import argparse  # noqa: E402
+import statistics  # noqa: E402
+import sys  # noqa: E402
+import tempfile  # noqa: E402
+import time  # noqa: E402
+from dataclasses import dataclass  # noqa: E402
+from fnmatch import fnmatch  # noqa: E402
+from pathlib import Path  # noqa: E402
+
+import numpy as np  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import machine  # noqa: E402
+import problems  # noqa: E402
+import work_precision_data as data  # noqa: E402
+import work_precision_figures as figures  # noqa: E402
+import work_precision_nsh as nsh  # noqa: E402
+import work_precision_report as report  # noqa: E402
+from peers import article, mujoco_engine, native, scipy_compiled, toolchain  # noqa: E402
+from peers.ladder import Ladder, Run, too_long  # noqa: E402
+
+PEERS = ("cvode", "arkode", "plain", "scipy", "article", "mujoco")
+#: Time of one turn of a fast contender, s: it repeats its run as often as fits.
+TURN = 0.008
+MOST_REPETITIONS = 20
+
+
+@dataclass
+class Entry:
+    """A ladder's rung: its first run, and the seconds of all its runs."""
+
+    ladder: Ladder
+    setting: float
+    run: Run
+    seconds: list[float]
+
+
+def reference(bench: native.Bench) -> tuple[Run, dict[str, float]]:
+    """Our kernel at tolerance 1e-13 by dop853, and how far other methods are from it there, m."""
+    runs = {method: bench.kernel(method, 1e-13, 0.0, 1) for method in ("dop853", "radau9", "rodas5p")}
+    for run in runs.values():
+        if run.failure:
+            raise SystemExit(f"the reference solution of {bench.problem.name} failed: {run.failure}")
+    exact = runs.pop("dop853")
+    return exact, {method: deviation(run, exact, bench.problem) for method, run in runs.items()}
+
+
+def deviation(run: Run, exact: Run, problem: problems.Problem) -> float:
+    """Largest difference of a coordinate of the judged nodes over the instants, m."""
+    return float(np.abs(run.position - exact.position)[:, problem.judged].max())
+
+
+def ladders(bench: native.Bench, peers: set[str]) -> list[Ladder]:
+    """Everyone who takes part in a problem."""
+    problem = bench.problem
+    found = native.kernel_ladders(bench)
+    if problem.figure == "mujoco":
+        return found + (mujoco_engine.ladders(problem) if "mujoco" in peers else [])
+    found += [ladder for ladder in native.sundials_ladders(bench) if ladder.family in peers]
+    if "scipy" in peers:
+        found += scipy_compiled.ladders(bench)
+    if "article" in peers:
+        found += article.ladders(problem)
+    if problem.conservative:  # no string goes slack: nothing to locate
+        found = [ladder for ladder in found if ladder.family == "kernel" or not ladder.events]
+    return found
+
+
+def climb(ladder: Ladder, limit: float, stride: int) -> list[Entry]:
+    """Every rung once, every `stride`-th in a quick run; until one run, or all of them, took longer than the limit (s)."""
+    entries, spent = [], 0.0
+    for setting in ladder.settings[::stride]:
+        start = time.perf_counter()
+        run = ladder.measure(setting, 1, limit)
+        spent += time.perf_counter() - start
+        entries.append(Entry(ladder, setting, run, list(run.seconds)))
+        if run.failure == too_long(limit) or spent > limit:
+            break
+    return entries
+
+
+def measure(problem: problems.Problem, tools: toolchain.Tools, folder: Path, options: argparse.Namespace) -> tuple[list[dict], dict]:
+    """Rows of one problem, and what is said of it: its title, and the two references' difference."""
+    bench = native.Bench(problem, tools, folder / problem.name.replace("/", "_"))
+    exact, apart = reference(bench)
+    stride = 4 if options.quick else 1
+    entries = [entry for ladder in ladders(bench, options.peers) for entry in climb(ladder, options.limit, stride)]
+    for _ in range(options.rounds):
+        for entry in entries:
+            if entry.run.failure or sum(entry.seconds) > options.budget:
+                continue
+            repetitions = int(np.clip(TURN / entry.seconds[0], 1, MOST_REPETITIONS))
+            entry.seconds += entry.ladder.measure(entry.setting, repetitions, options.limit).seconds
+    about = {"figure": problem.figure, "title": problem.title, "duration": problem.duration, "reference_difference": apart,
+             "transitions": exact.counts["transitions"]}  # fmt: skip
+    return [row(problem, entry, exact) for entry in entries], about
+
+
+def row(problem: problems.Problem, entry: Entry, exact: Run) -> dict:
+    """One rung as data."""
+    run, ladder = entry.run, entry.ladder
+    found = {"problem": problem.name, "family": ladder.family, "method": ladder.method, "events": ladder.events,
+             "kind": ladder.kind, "setting": entry.setting}  # fmt: skip
+    error = None
+    if run.failure is None:
+        difference = deviation(run, exact, problem)
+        error = float(f"{difference:.4g}") if np.isfinite(difference) else None
+    found["error"] = error
+    if problem.conservative:
+        drift = None if run.failure or run.energy is None else np.abs(run.energy - exact.energy[0]).max() / abs(exact.energy[0])
+        found["energy_error"] = float(f"{drift:.4g}") if drift is not None and np.isfinite(drift) else None
+    found["ms_per_s"] = float(f"{1e3 * statistics.median(entry.seconds) / problem.duration:.4g}") if entry.seconds else None
+    found["runs"] = len(entry.seconds)
+    return found | {"failure": run.failure} | run.counts
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problems", default="*", help="names or patterns, with commas between them: three_bar/*,free_flight")
+    parser.add_argument("--peers", default=",".join(PEERS), help="families, with commas between them; none: our kernel alone")
+    parser.add_argument("--rounds", type=int, default=4, help="turns of every contender after its first run")
+    parser.add_argument("--budget", type=float, default=0.3, help="s after which a rung takes no further turn")
+    parser.add_argument("--limit", type=float, default=5.0, help="s that a run may take, and all first runs of a contender")
+    parser.add_argument("--quick", action="store_true", help="two rounds, every fourth setting, runs of 1 s at most")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("--redraw", action="store_true", help="draw and write from the JSON, without measuring")
+    options = parser.parse_args(arguments)
+    patterns = options.problems.split(",")
+    options.problems = [name for name in problems.names() if any(fnmatch(name, p) for p in patterns)]
+    if not options.problems:
+        parser.error(f"--problems: no name fits; there are {', '.join(problems.names())}")
+    options.peers = set(options.peers.split(",")) - {"none", ""}
+    if unknown := options.peers - set(PEERS):
+        parser.error(f"--peers: {', '.join(sorted(unknown))} unknown; use some of {', '.join(PEERS)}, or none")
+    if options.quick:
+        options.rounds, options.limit = min(options.rounds, 2), min(options.limit, 1.0)
+    return options
+
+
+def measure_all(options: argparse.Namespace) -> dict:
+    """All problems, on one core."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    began = time.perf_counter()
+    result: dict = {"machine": machine.describe(), "problems": {}, "rows": []}
+    with tempfile.TemporaryDirectory() as folder:
+        tools = toolchain.build(Path(folder))
+        result["machine"]["sundials"] = tools.sundials or "missing"
+        for name in options.problems:
+            start = time.perf_counter()
+            rows, result["problems"][name] = measure(problems.problem(name), tools, Path(folder), options)
+            result["rows"] += rows
+            print(f"{name}: {len(rows)} settings, {time.perf_counter() - start:.0f} s", flush=True)
+        if set(nsh.problems_needed()) <= set(options.problems):
+            result["nsh"] = nsh.measure(tools, Path(folder), options.rounds)
+    result["machine"] |= {"mujoco": _version("mujoco"), "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None}
+    result["settings"] = {"rounds": options.rounds, "limit": options.limit, "quick": options.quick}
+    result["seconds"] = round(time.perf_counter() - began)
+    return result
+
+
+def _version(module: str) -> str:
+    """Of an optional module."""
+    try:
+        return __import__(module).__version__
+    except ImportError:
+        return "missing"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    options = parse(arguments)
+    path = options.output / "work_precision.json"
+    if options.redraw:
+        result = data.load(path)
+    else:
+        result = measure_all(options)
+        data.save(result, path)
+    figures.draw(result, options.output / "figures")
+    report.write(result, options.output)
+
+
+if __name__ == "__main__":
+    main()
