@@ -186,7 +186,7 @@ def draw(result: dict, path: Path) -> None:
     charts = [[("step", method, label) for method, label in METHODS.items()]]
     charts.append([("transition", method, label) for method, label in METHODS.items()])
     charts.append([("rhs", "dop853", "right-hand side")])
-    charts[-1] += [("algebra", method, f"linear algebra of a step, {METHODS[method]}") for method in IMPLICIT]
+    charts[-1] += [("algebra", method, f"linear algebra of {METHODS[method].split('(')[1][:-1]}") for method in IMPLICIT]
     charts.append([("memory", "dop853", "a simulation, whatever its method")])
     titles = [("per accepted step", 1e6, "\u00b5s"), ("per transition", 1e6, "\u00b5s")]
     titles += [("parts of a step", 1e6, "\u00b5s"), ("memory", 1e-6, "MB")]
@@ -240,15 +240,17 @@ def report(result: dict) -> str:
         "",
         "A tower of n stages has 3 n bars that meet only through strings, so by theory a step, a transition and the memory "
         f"cost a constant times n; from {3 * FIT_FROM} to {largest} bars {names} grow with {listed(power('step'))} per "
-        f"accepted step and {listed(power('transition'))} per transition, and the memory with {power('memory', ['dop853'])[0]}, "
-        f"where n^{LIMIT:g} is the limit that we set.  With {largest} bars a step takes {steps} \u00b5s and a simulation holds "
-        f"{1e-6 * last['dop853']['memory']:.0f} MB (one thread, {where['processor']}, commit {where['commit']}, {where['date']}; "
-        "the figures stand in [growth.json](growth.json)).",
+        f"accepted step and {listed(power('transition'))} per transition, and the memory with "
+        f"{power('memory', ['dop853'])[0]}, where n^{LIMIT:g} is the limit that we set.  "
+        f"With {largest} bars a step takes {steps} \u00b5s and a simulation holds "
+        f"{1e-6 * last['dop853']['memory']:.0f} MB (one thread, {where['processor']}, commit {where['commit']}, "
+        f"{where['date']}; the figures stand in [growth.json](growth.json)).",
         "",
         "Where the matrices of an implicit step outgrow the processor's caches, its time per bar rises once to what memory "
         "delivers, which the fit takes for growth; [scene-costs.md](scene-costs.md) measures both levels.",
         "",
-        "Drawn by `python benchmarks/growth.py`, which also says what was measured and how; `--redraw` draws it again from that file.",
+        "Drawn by `python benchmarks/growth.py`, which also says what was measured and how; `--redraw` draws it again from "
+        "that file.",
         "",
     ]
     return "\n".join(lines)

@@ -7,8 +7,9 @@
  * c: the same after the caches were emptied, r: runs.
  *
  * Lines "SCENE NAME ns" are one batch each: the mean of so many repetitions that a batch lasts for BATCH.  A round takes one
- * batch of everything from every scene.  Lines "SCENE NAME = number" are facts.  Runs: `full` under the force, `smooth` under
- * so small a part of it (halved again and again) that no string changes its piece under any method; one ts_step() each. */
+ * batch of everything from every scene.  Lines "SCENE NAME = number" are facts.  Runs of one ts_step() each: `smooth` under
+ * so small a part of the force that no string changes its piece under any method, `full` under so large a multiple that strings
+ * do under all of them (halved and doubled from 1, again and again); `transition`: the clock of scene_costs_traced.c. */
 #define _POSIX_C_SOURCE 199309L
 #include "internal.h"
 
@@ -21,19 +22,23 @@
 #define EVICTED (128 << 20) /* bytes to walk through, more than caches hold */
 #define MOST_METHODS 8
 #define MOST_HALVINGS 60
+#define MOST_DOUBLINGS 8
 #define RATE 1e4           /* 1/s, `a` of the matrices that are factorised */
 
 typedef struct {
     int number;
     ts_sim *sim;
     double *force;
-    double duration, smooth_part;
+    double duration, smooth_part, full_part;
     const char *what;
 } scene;
 
 typedef struct {
     int count, number[MOST_METHODS];
 } methods;
+
+extern int tracing;
+extern double traced;
 
 static double now(void)
 {
@@ -143,39 +148,56 @@ static double run(const scene *s, int method, double part, int64_t stats[TS_STAT
     return spent;
 }
 
-/* A part of the force under which no method meets a transition. */
-static double smooth_part(const scene *s, const methods *m)
+/* A part of the force under which no method meets a transition (wanted 0), or all do (1); -1: none is found. */
+static double part_of_force(const scene *s, const methods *m, int wanted)
 {
     double part = 1.0;
     int64_t stats[TS_STATS];
-    for (int k = 0, halvings = 0; k < m->count;) {
+    for (int k = 0, changes = 0; k < m->count;) {
         run(s, m->number[k], part, stats);
-        if (!stats[TS_TRANSITIONS]) k++;
-        else if (halvings++ == MOST_HALVINGS) give_up("the start", "strings change their pieces without a push");
-        else part *= 0.5;
+        if ((stats[TS_TRANSITIONS] > 0) == wanted) k++;
+        else if (changes++ == (wanted ? MOST_DOUBLINGS : MOST_HALVINGS)) return -1.0;
+        else part *= wanted ? 2.0 : 0.5;
     }
     return part;
 }
 
+static void report_counts(int scene, const char *run, int method, const int64_t stats[TS_STATS])
+{
+    static const struct {
+        int at;
+        const char *name;
+    } kept[] = {
+        {TS_STEPS, "steps"}, {TS_REJECTED, "rejected"}, {TS_RHS, "rhs"},
+        {TS_TRANSITIONS, "transitions"}, {TS_RESTARTS, "restarts"},
+    };
+    for (size_t i = 0; i < sizeof kept / sizeof *kept; i++)
+        printf("%d %s_%d_%s = %lld\n", scene, run, method, kept[i].name, (long long)stats[kept[i].at]);
+}
+
+/* One batch of runs of one kind by one method. */
+static void time_run(const scene *s, int method, const char *kind, double part, int report)
+{
+    int64_t stats[TS_STATS];
+    double spent = 0.0;
+    long n = 0;
+    traced = 0.0;
+    for (; spent < BATCH; n++) spent += run(s, method, part, stats);
+    if (tracing) printf("%d %s_%d %.9g\n", s->number, kind, method, 1e9 * traced / (double)(n * stats[TS_RESTARTS]));
+    else printf("%d %s_%d %.9g\n", s->number, kind, method, 1e9 * spent / (double)n);
+    if (report) report_counts(s->number, kind, method, stats);
+}
+
 static void time_runs(const scene *s, const methods *m, int report)
 {
-    static const char *const names[2] = {"smooth", "full"};
-    for (int k = 0; k < m->count; k++)
-        for (int full = 0; full < 2; full++) {
-            int64_t stats[TS_STATS];
-            double spent = 0.0;
-            long n = 0;
-            while (spent < BATCH) {
-                spent += run(s, m->number[k], full ? 1.0 : s->smooth_part, stats);
-                n++;
-            }
-            printf("%d %s_%d %.9g\n", s->number, names[full], m->number[k], 1e9 * spent / (double)n);
-            if (!report) continue;
-            static const struct { int at; const char *name; } kept[] = {
-                {TS_STEPS, "steps"}, {TS_REJECTED, "rejected"}, {TS_RHS, "rhs"}, {TS_TRANSITIONS, "transitions"}};
-            for (size_t i = 0; i < sizeof kept / sizeof *kept; i++)
-                printf("%d %s_%d_%s = %lld\n", s->number, names[full], m->number[k], kept[i].name, (long long)stats[kept[i].at]);
-        }
+    for (int k = 0; k < m->count; k++) {
+        time_run(s, m->number[k], "smooth", s->smooth_part, report);
+        if (!(s->full_part > 0.0)) continue;
+        time_run(s, m->number[k], "full", s->full_part, report);
+        tracing = 1;
+        time_run(s, m->number[k], "transition", s->full_part, 0);
+        tracing = 0;
+    }
 }
 
 /* ---- Scenes ---- */
@@ -185,7 +207,7 @@ static scene make(int number, char **words, const methods *m)
     size_t size, force_size;
     char message[256];
     void *model = read_file(words[0], &size);
-    scene s = {number, ts_create(model, size, message, sizeof message), NULL, atof(words[2]), 1.0, words[3]};
+    scene s = {number, ts_create(model, size, message, sizeof message), NULL, atof(words[2]), 1.0, 1.0, words[3]};
     if (!s.sim) give_up(words[0], message);
     free(model);
     if (strcmp(words[1], "-")) {
@@ -193,10 +215,15 @@ static scene make(int number, char **words, const methods *m)
         size_t wanted = sizeof(double) * (size_t)(s.sim->m.count[TS_F] * s.sim->m.count[TS_D]);
         if (force_size != wanted) give_up(words[1], "is not the force on the free nodes of the model");
     }
-    if (strchr(s.what, 'r')) s.smooth_part = smooth_part(&s, m);
+    if (strchr(s.what, 'r')) {
+        s.smooth_part = part_of_force(&s, m, 0);
+        s.full_part = part_of_force(&s, m, 1);
+        if (!(s.smooth_part > 0.0)) give_up(words[0], "strings change their pieces without a push");
+    }
     printf("%d states = %d\n%d strings = %d\n", number, 2 * s.sim->m.nq, number, s.sim->m.count[TS_S]);
     printf("%d bars = %d\n%d blocks = %d\n", number, s.sim->m.count[TS_B], number, s.sim->pattern.count);
-    printf("%d memory = %zu\n%d smooth_part = %.9g\n", number, ts_memory_size(s.sim), number, s.smooth_part);
+    printf("%d memory = %zu\n", number, ts_memory_size(s.sim));
+    printf("%d smooth_part = %.9g\n%d full_part = %.9g\n", number, s.smooth_part, number, s.full_part);
     return s;
 }
 

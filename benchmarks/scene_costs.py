@@ -1,16 +1,17 @@
 """What a scene costs, and what it does not pay for: ``python benchmarks/scene_costs.py`` writes docs/scene_costs.json and
 docs/scene-costs.md.
 
-Everything is measured in C (scene_costs.c, compiled with the kernel's own sources and flags); a C compiler is needed.  All
+Everything is measured in C (scene_costs*.c, compiled with the kernel's own sources and flags); a C compiler is needed.  All
 scenes take part in every round, so that they see the same state of the machine; shown are the minimum and the median over
 the rounds.  Definitions:
 
 * parts of a step: calls one after the other at a state of the scene's motion, all strings as at its start;
 * step: a run in which no string changes its piece, over its accepted steps, so with the rejected ones and with step size
   control, search for transitions and outputs.  The push is reduced by halves until no method meets a transition;
-* transition: a run under the full push, less what its attempted steps (accepted and rejected) would have cost in the run
-  without transitions, over its transitions: location on the dense output, switching and the new start.  Beside it stands by
-  how many attempts the run exceeds the one without transitions, for each transition;
+* transition: from the search that finds one on a step's dense output to the derivative from which the next step starts, so
+  location, state, switch and new start, with some 30 ns of the clock itself; strings that switch together count once.  The push
+  is doubled until every method meets transitions.  What that run takes in attempted steps (accepted and rejected) beyond the
+  run without transitions, for each transition, stands beside it: a run's time is that of its attempts and its transitions;
 * cold: one call after the caches were emptied.
 """
 
@@ -111,10 +112,12 @@ def build(folder: Path) -> Path:
         raise SystemExit("no C compiler found; install one (Debian: apt-get install gcc) or set CC")
     program = folder / "scene_costs"
     flags = [flag for flag in kernel.FLAGS if flag != "-shared"]
-    sources = [str(Path(__file__).with_suffix(".c")), *sorted(str(path) for path in NATIVE.glob("*.c"))]
-    run = subprocess.run([*compiler, *flags, f"-I{NATIVE}", *sources, "-lm", "-o", str(program)], capture_output=True, text=True)
+    sources = [str(Path(__file__).with_suffix(".c")), str(Path(__file__).with_name("scene_costs_traced.c"))]
+    sources += sorted(str(path) for path in NATIVE.glob("*.c") if path.name != "integrate.c")
+    command = [*compiler, *flags, f"-I{NATIVE}", *sources, "-lm", "-o", str(program)]
+    run = subprocess.run(command, capture_output=True, text=True)
     if run.returncode:
-        raise SystemExit(f"compiling failed; command: {' '.join(run.args)}\n{run.stderr}")
+        raise SystemExit(f"compiling failed; command: {' '.join(command)}\n{run.stderr}")
     return program
 
 
@@ -160,27 +163,24 @@ def row(case: Subject, facts: dict, times: dict) -> dict:
         if "c" in case.what:
             result["cold_" + part] = summary(times["cold_" + part])
     if "r" in case.what:
-        result |= {"duration": case.duration, "smooth_part": facts["smooth_part"]}
+        result |= {"duration": case.duration, "smooth_part": facts["smooth_part"], "full_part": facts["full_part"]}
         result["methods"] = {method: stepping(facts, times, METHODS.index(method)) for method in STEPPED}
     return result
 
 
 def stepping(facts: dict, times: dict, number: int) -> dict:
-    """Steps and transitions of one method, after the definitions above."""
-    counts = {
-        kind: {name: int(facts[f"{kind}_{number}_{name}"]) for name in ("steps", "rejected", "rhs", "transitions")}
-        for kind in ("smooth", "full")
-    }
-    runs = {kind: summary(times[f"{kind}_{number}"]) for kind in counts}
-    attempts = {kind: found["steps"] + found["rejected"] for kind, found in counts.items()}
-    step = {key: runs["smooth"][key] / counts["smooth"]["steps"] for key in ("min", "median")}
-    transitions = counts["full"]["transitions"]
-    transition = added = None
-    if transitions:
-        share = attempts["full"] / attempts["smooth"]
-        transition = {key: (runs["full"][key] - share * runs["smooth"][key]) / transitions for key in ("min", "median")}
-        added = (attempts["full"] - attempts["smooth"]) / transitions
-    return {"step": step, "transition": transition, "added_attempts": added, "runs": runs, "counts": counts}
+    """Steps and transitions of one method, after the definitions above; None: no push made strings change their pieces."""
+    kinds = [kind for kind in ("smooth", "full") if f"{kind}_{number}" in times]
+    names = ("steps", "rejected", "rhs", "transitions", "restarts")
+    counts = {kind: {name: int(facts[f"{kind}_{number}_{name}"]) for name in names} for kind in kinds}
+    runs = {kind: summary(times[f"{kind}_{number}"]) for kind in kinds}
+    result = {"step": {key: runs["smooth"][key] / counts["smooth"]["steps"] for key in ("min", "median")}}
+    result |= {"runs": runs, "counts": counts, "transition": None, "added_attempts": None}
+    if "full" in kinds:
+        attempts = {kind: found["steps"] + found["rejected"] for kind, found in counts.items()}
+        result["transition"] = summary(times[f"transition_{number}"])
+        result["added_attempts"] = (attempts["full"] - attempts["smooth"]) / counts["full"]["restarts"]
+    return result
 
 
 # --- showing -----------------------------------------------------------------------------------------------------
@@ -206,20 +206,24 @@ def part_rows(rows: list[dict]) -> list[str]:
     return table(head, body)
 
 
+def step_cell(found: dict) -> str:
+    return f"{cell(found['step'], 1e-3)}; {found['counts']['smooth']['steps']}"
+
+
 def step_rows(rows: list[dict]) -> list[str]:
-    body = [[r["scene"], *(cell(r["methods"][m]["step"], 1e-3) for m in STEPPED)] for r in rows]
+    body = [[r["scene"], *(step_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
     return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
 
 
 def transition_cell(found: dict) -> str:
     if found["transition"] is None:
         return "–"
-    return f"{cell(found['transition'], 1e-3)}; {found['added_attempts']:+.1f}; {found['counts']['full']['transitions']}"
+    return f"{cell(found['transition'], 1e-3)}; {found['added_attempts']:+.1f}; {found['counts']['full']['restarts']}"
 
 
 def transition_rows(rows: list[dict]) -> list[str]:
-    body = [[r["scene"], *(transition_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
-    return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
+    body = [[r["scene"], f"{r['full_part']:g}", *(transition_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
+    return table(["scene", "push", *(f"`{m}`" for m in STEPPED)], body)
 
 
 def ratio_rows(known: dict[str, dict]) -> list[str]:
@@ -243,7 +247,7 @@ def nsh_rows(known: dict[str, dict]) -> list[str]:
         for m in STEPPED:
             a, b = with_nsh[m], plain[m]
             second = a["runs"]["smooth"]["min"] / b["runs"]["smooth"]["min"]
-            both = a["transition"] and b["transition"] and b["transition"]["min"] > 0.0
+            both = a["transition"] and b["transition"]
             cells.append(f"{second:.2f}; " + (f"{a['transition']['min'] / b['transition']['min']:.2f}" if both else "–"))
         body.append([name, *cells])
     return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
@@ -276,33 +280,34 @@ def report(result: dict) -> str:
             "",
             "## Parts of a step, ns",
             "",
-            "States are positions and velocities in generalised coordinates: a pinned bar has one vector of each, a free bar two.  "
-            f"A right-hand side takes {per_string[0]} ns for each string of two_bar and {per_string[1]} ns for each of the "
-            f"{last['strings']} of the largest tower; the complex systems are those of `radau9`.",
+            "States are positions and velocities in generalised coordinates: a pinned bar has one vector of each, a free bar "
+            f"two.  A right-hand side takes {per_string[0]} ns for each string of two_bar and {per_string[1]} ns for each of "
+            f"the {last['strings']} of the largest tower; the complex systems are those of `radau9`.",
             "",
             *part_rows([r for r in rows if r["scene"] not in (SPACE, FREED)]),
             "",
             "## An accepted step, µs",
             "",
-            f"Mean over a run without transitions at tolerance {TOLERANCE:g} (`ros2`: steps of 1 ms), with all that belongs to it: "
-            "rejected steps, error control, the search for transitions, outputs.  The implicit methods take fewer of them.",
+            f"Mean over a run without transitions at tolerance {TOLERANCE:g} (`ros2`: steps of 1 ms), with all that belongs to "
+            "it: rejected steps, error control, the search for transitions, outputs; then how many steps that run of "
+            f"{DURATION:g} s took (towers: " + ", ".join(f"{tower_name(n)} {time:g} s" for n, time in TOWERS.items()) + ").",
             "",
             *step_rows(stepped),
             "",
             "## A transition",
             "",
             "µs for location, switching and the new start; then the attempted steps by which the run exceeds the one without "
-            f"transitions, for each transition; then how many transitions there were, under {PUSH_UP:g} N up on the top nodes "
-            f"and {PUSH_ASIDE:g} N aside on one of them.  Times are differences of two runs and as uncertain; attempts are fewer "
-            "(–) where slack strings let longer steps pass.",
+            "transitions, for each of them; then their number.  The push is "
+            f"{PUSH_UP:g} N up on the top nodes and {PUSH_ASIDE:g} N aside on one of them, times the number in the second "
+            "column, and attempts are fewer where slack strings let longer steps pass.",
             "",
             *transition_rows(stepped),
             "",
             "## What a scene does not pay for",
             "",
             "Times of the scene that has something over those of the same one without it (minima): two_bar computed in space "
-            "instead of in its plane, three_bar with its supports taken away, scenes with NSH.  Ratios above 1 are what the "
-            "scene without it saves, as the kernel leaves out what a scene has not.",
+            "instead of in its plane, three_bar with its supports taken away, scenes with NSH.  The kernel leaves out what a "
+            "scene has not, and a ratio above 1 is what that saves.",
             "",
             *ratio_rows(known),
             "",
@@ -312,8 +317,8 @@ def report(result: dict) -> str:
             "",
             "## Caches",
             "",
-            "ns for each block of the Jacobian, one call after the other; with empty caches.  Per block the work is the same at "
-            "any size: where matrices outgrow the caches, all calls cost what those with empty caches cost, and no more.",
+            "ns for each block of the Jacobian: one call after the other; with empty caches.  The work per block is the same "
+            "at any size, and what has outgrown the caches costs what it costs with empty ones.",
             "",
             *cold_rows(known),
             "",

@@ -44,6 +44,8 @@ PEERS = ("cvode", "arkode", "plain", "scipy", "article", "mujoco")
 #: Time of one turn of a fast contender, s: it repeats its run as often as fits.
 TURN = 0.008
 MOST_REPETITIONS = 20
+#: Longer problems (s) may take LONG times the limit.
+LONG_DURATION, LONG = 10.0, 2.5
 
 
 @dataclass
@@ -104,14 +106,14 @@ def measure(problem: problems.Problem, tools: toolchain.Tools, folder: Path, opt
     """Rows of one problem, and what is said of it: its title, and the two references' difference."""
     bench = native.Bench(problem, tools, folder / problem.name.replace("/", "_"))
     exact, apart = reference(bench)
-    stride = 4 if options.quick else 1
-    entries = [entry for ladder in ladders(bench, options.peers) for entry in climb(ladder, options.limit, stride)]
+    stride, limit = 4 if options.quick else 1, options.limit * (LONG if problem.duration > LONG_DURATION else 1.0)
+    entries = [entry for ladder in ladders(bench, options.peers) for entry in climb(ladder, limit, stride)]
     for _ in range(options.rounds):
         for entry in entries:
             if entry.run.failure or sum(entry.seconds) > options.budget:
                 continue
             repetitions = int(np.clip(TURN / entry.seconds[0], 1, MOST_REPETITIONS))
-            entry.seconds += entry.ladder.measure(entry.setting, repetitions, options.limit).seconds
+            entry.seconds += entry.ladder.measure(entry.setting, repetitions, limit).seconds
     about = {"figure": problem.figure, "title": problem.title, "duration": problem.duration, "reference_difference": apart,
              "transitions": exact.counts["transitions"]}  # fmt: skip
     return [row(problem, entry, exact) for entry in entries], about
@@ -139,10 +141,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", default="*", help="names or patterns, with commas between them: three_bar/*,free_flight")
     parser.add_argument("--peers", default=",".join(PEERS), help="families, with commas between them; none: our kernel alone")
-    parser.add_argument("--rounds", type=int, default=4, help="turns of every contender after its first run")
+    parser.add_argument("--rounds", type=int, default=3, help="turns of every contender after its first run")
     parser.add_argument("--budget", type=float, default=0.3, help="s after which a rung takes no further turn")
-    parser.add_argument("--limit", type=float, default=5.0, help="s that a run may take, and all first runs of a contender")
-    parser.add_argument("--quick", action="store_true", help="two rounds, every fourth setting, runs of 1 s at most")
+    parser.add_argument("--limit", type=float, default=4.0, help="s that a run may take, and all first runs of a contender")
+    parser.add_argument("--quick", action="store_true", help="two rounds, every fourth setting, runs of 0.3 s at most")
     parser.add_argument("--output", type=Path, default=ROOT / "docs")
     parser.add_argument("--redraw", action="store_true", help="draw and write from the JSON, without measuring")
     options = parser.parse_args(arguments)
@@ -154,7 +156,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     if unknown := options.peers - set(PEERS):
         parser.error(f"--peers: {', '.join(sorted(unknown))} unknown; use some of {', '.join(PEERS)}, or none")
     if options.quick:
-        options.rounds, options.limit = min(options.rounds, 2), min(options.limit, 1.0)
+        options.rounds, options.limit = min(options.rounds, 2), min(options.limit, 0.3)
     return options
 
 

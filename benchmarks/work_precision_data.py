@@ -12,7 +12,6 @@ COLUMNS = ("setting", "error", "energy_error", "ms_per_s", "runs", "steps", "rej
            "failure")  # fmt: skip
 
 
-
 def save(result: dict, path: Path) -> None:
     """One line per ladder: its rungs as columns."""
     ladders: dict[tuple, dict] = {}
@@ -38,7 +37,8 @@ def load(path: Path) -> dict:
     rows = []
     for ladder in result.pop("ladders"):
         for i in range(len(ladder["setting"])):
-            rows.append({name: value[i] if isinstance(value, list) else value for name, value in ladder.items()})
+            found = {name: value[i] if isinstance(value, list) else value for name, value in ladder.items()}
+            rows.append(dict.fromkeys(COLUMNS) | found)
     return result | {"rows": rows}
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import re
 from pathlib import Path
 
 import matplotlib
@@ -9,6 +11,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
+from PIL import Image  # noqa: E402
 from work_precision_data import front  # noqa: E402
 
 OWN = {"auto": "#000000", "dop853": "#d62728", "rodas5p": "#1f4fd8", "radau9": "#8e24aa", "rk4": "#e08a00", "ros2": "#00897b"}
@@ -66,7 +69,7 @@ def _style(family: str, method: str) -> dict:
     if family == "kernel":
         return {"color": OWN.get(method, OTHER), "lw": 2.8 if method == "auto" else 2.0, "marker": "o", "ms": 3.4, "zorder": 5}
     _, colour, marker = PEERS[family, method]
-    return {"color": colour, "lw": 0.6, "marker": marker, "ms": 2.6, "mfc": "white", "mew": 0.6, "zorder": 2}
+    return {"color": colour, "lw": 0.8, "marker": marker, "ms": 2.6, "mfc": "white", "mew": 0.6, "zorder": 2}
 
 
 def _drawn(rows: list[dict]) -> dict[tuple[str, str], list[dict]]:
@@ -116,9 +119,13 @@ def _legend(figure, rows: list[dict], columns: int) -> None:
 def _store(figure, folder: Path, name: str) -> None:
     """PNG and SVG, the same bytes for the same data."""
     folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / f"work_precision_{name}.png", dpi=110, metadata={"Software": None})
-    figure.savefig(folder / f"work_precision_{name}.svg", metadata={"Date": None, "Creator": None})
+    png, svg = io.BytesIO(), io.StringIO()
+    figure.savefig(png, dpi=110, format="png")
+    figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(figure)
+    Image.open(png).convert("RGB").quantize(64, dither=Image.Dither.NONE).save(folder / f"work_precision_{name}.png", optimize=True)
+    shorter = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}", svg.getvalue())
+    (folder / f"work_precision_{name}.svg").write_text(shorter, encoding="utf-8")
 
 
 def _floor(about: dict) -> float:

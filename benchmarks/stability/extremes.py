@@ -136,14 +136,16 @@ def section(data: dict) -> str:
     stopped = [row for row in runs if row["status"] != "finished"]
     names = ", ".join(f"`{status}`" for status in sorted({row["status"] for row in stopped}))
     doubtful = [case["label"] for case in data["cases"] if _doubt(case)]
-    end = f"{len(stopped)} stop with a named error ({names}; methods: {', '.join(sorted({r['method'] for r in stopped}))})"
+    guilty = ", ".join(sorted({row["method"] for row in stopped}))
+    end = f"{len(stopped)} stop with a named error ({names}; methods: {guilty})"
     header = ["case", "method", "ends", "error, m", "known to, m", "ledger", "transitions", "steps", "rejected"]
     return common.wrapped(f"""
 ## Extreme parameters
 
 ![Errors at extreme parameters](figures/stability_extremes.png)
 
-Of {len(runs)} runs of {data['duration']:g} s, every method on three_bar with extreme damping, stiffness, masses and
+Of {len(runs)} runs of {data['duration']:g} s, every method on three_bar (once six_bar) with extreme damping, stiffness, masses
+and
 strings exactly at their rest lengths, {len(runs) - len(stopped)} finish and {end if stopped else 'none stops'}. A
 finished run is not thereby a right one: the colour and the table give its largest error against a run of `auto` at
 tolerance {REFERENCES[0][1]:g}.

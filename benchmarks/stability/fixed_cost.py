@@ -39,7 +39,7 @@ TIGHT, LESS_TIGHT = 1e-12, 1e-11
 # ----------------------------------------------------------------------------------------------------- what is measured
 
 def energies(scene: str, damping: float, stiffness: float, step: float = STEP, duration: float = DURATION) -> dict:
-    """One run of ROS2: how it ended, and its largest gain of energy (J) beside the largest kinetic energy (J) of the exact motion."""
+    """One run of ROS2: how it ended, its largest gain of energy, and the exact motion's largest kinetic energy (J)."""
     model, points = retuned(base(scene), damping, stiffness), round(POINTS * duration / DURATION)
     found = run(model, "ros2", duration, points, max_step=step)
     exact = run(model, "auto", duration, points, tolerance=1e-8)
@@ -120,8 +120,8 @@ def measure() -> dict:
     lost = [{"scene": one["scene"], **{key: row[key] for key in ("damping", "stiffness")},
              "step": largest_bounded_step(one["scene"], row["damping"], row["stiffness"])}
             for one in maps for row in one["rows"] if not row["bounded"]]  # fmt: skip
-    return {"maps": maps, "lost": lost, "errors": error_map(), "over_step": error_over_step(), "histories": histories(), "step": STEP,
-            "duration": DURATION, "allowed": ALLOWED, "seconds": time.perf_counter() - started}  # fmt: skip
+    return {"maps": maps, "lost": lost, "errors": error_map(), "over_step": error_over_step(), "histories": histories(),
+            "step": STEP, "duration": DURATION, "allowed": ALLOWED, "seconds": time.perf_counter() - started}  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -232,8 +232,9 @@ enough to say, and falls with the step at the order {orders} (e).
 Kinetic + potential + elastic energy less the forces' work never rises in an exact motion. A run is bounded if it finishes
 and gains at most {data['allowed']:g} times the largest kinetic energy of the exact motion; a ring marks a bounded run
 that gains more than a hundredth of it{_gains(data)}. The step in the table is the largest of {1e3 * min(BOUND_STEPS):.2g}
-… {1e3 * max(BOUND_STEPS):g} ms, halved each time, up to which all are bounded. Pushed: {UP:g} N up on the top nodes, {ASIDE:g} N aside on one; tensions are the equilibrium's at every k, rest
-lengths follow. The exact motion is the kernel's `auto` at {TIGHT:g} against {LESS_TIGHT:g}; at high stiffness and low
+… {1e3 * max(BOUND_STEPS):g} ms, halved each time, up to which all are bounded. Pushed:
+{UP:g} N up on the top nodes, {ASIDE:g} N aside on one; tensions are the equilibrium's at every k, rest lengths
+follow. The exact motion is the kernel's `auto` at {TIGHT:g} against {LESS_TIGHT:g}; at high stiffness and low
 damping (crosses in d) neighbouring motions part too fast for that.
 
 Command: `python benchmarks/stability/fixed_cost.py`. {common.provenance(data)}

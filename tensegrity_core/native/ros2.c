@@ -2,27 +2,46 @@
  * no rejected step.  Sources: ros2_tableau.h.
  *
  * The method keeps its order with any matrix in the place of the Jacobian, so it takes the part that damps
- * (ts_damping_jacobian): the system that it solves is then never singular, whatever stiffness, damping and step.  Dense
- * output is the cubic through positions and velocities at both ends, which no fast transient of a force can spoil. */
+ * (ts_damping_jacobian): the system that it solves is then never singular, whatever stiffness, damping and step.  Where a
+ * string is too stiff for the step to resolve, the more damping of the two coefficients keeps what strings do to each other
+ * when they go slack and taut from feeding on itself.  Dense output is the cubic through positions and velocities at both ends, which no fast transient of a force can spoil. */
 #include "stages.h"
 
 #include <math.h>
 
 #include "ros2_tableau.h"
 
+/* Is a string so stiff that the step spans more than this many radians of its oscillation between its ends? */
+#define RESOLVED 3.0
+
+static int too_stiff(const ts_sim *sim, double h)
+{
+    const ts_model *m = &sim->m;
+    double limit = RESOLVED * RESOLVED / (h * h);
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        const ts_term *t = m->term + 4 * i;
+        double inverse = 0.0;
+        if (m->beams[i] && sim->piece[i] <= sim->curve[i].pieces) continue; /* k acts once the NSH has bottomed out */
+        for (int k = 0; k < m->term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inv[t[k].block];
+        if (sim->values[m->at[TS_STIFFNESS] + i] * inverse > limit) return 1;
+    }
+    return 0;
+}
+
 static double attempt(ts_sim *sim, double tau, double h)
 {
-    int nq = sim->m.nq, n = padded(2 * nq), stride = sim->m.stride;
-    double a = 1.0 / (GAMMA * h), *U = sim->k;
+    int n = padded(2 * sim->m.nq), stride = sim->m.stride, robust = too_stiff(sim, h);
+    double a = 1.0 / (GAMMA[robust] * h), *U = sim->k;
     ts_damping_jacobian(sim, tau, sim->y);
     if (!ts_stage_factorise(sim, a)) return NAN;
     for (int i = 0; i < n; i++) U[i] = sim->f0[i];
     ts_stage_solve(sim, a, U);
-    add_stages(sim->y, A[1], 1, U, stride, 1.0, n, sim->ytmp);
-    ts_rhs(sim, tau + ALPHA[1] * h, sim->ytmp, sim->f1);
-    add_stages(sim->f1, C[1], 1, U, stride, 1.0 / h, n, U + stride);
+    add_stages(sim->y, A[robust], 1, U, stride, 1.0, n, sim->ytmp);
+    ts_project(sim, sim->ytmp); /* else it would see strings stretched by the square of the step */
+    ts_rhs(sim, tau + ALPHA * h, sim->ytmp, sim->f1);
+    add_stages(sim->f1, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
     ts_stage_solve(sim, a, U + stride);
-    add_stages(sim->y, M, 2, U, stride, 1.0, n, sim->y1);
+    add_stages(sim->y, M[robust], 2, U, stride, 1.0, n, sim->y1);
     return 0.0;
 }
 
