@@ -3,8 +3,8 @@ docs/figures/work_precision_*.{png,svg} and docs/work-precision.md.
 
 Every contender solves every problem (problems.py) at a ladder of tolerances or steps; error and time come from the same
 run.  The error is the largest deviation of the judged nodes from a run of our kernel at tolerance 1e-13, at 21 instants.
-Contenders take turns in each round, on one core; a time is the median of all repetitions.  A setting whose run takes longer
-than --limit is noted and left out, and so are the tighter ones of that contender.
+Contenders take turns in each round, on one core; a time is the median of all repetitions, in processor time.  A setting whose
+run takes longer than --limit is noted and left out, and so are the tighter ones of that contender.
 
 SUNDIALS needs its library and headers (Debian: apt-get install libsundials-dev), MuJoCo its wheel (pip install mujoco);
 what is missing is said, and its rows are left out.

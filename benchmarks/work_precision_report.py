@@ -165,8 +165,8 @@ def introduction(result: dict) -> list[str]:
         f"instants from our `dop853` at tolerance 1e-13, from which our other methods differ there by at most {differences}. Our kernel "
         "and SUNDIALS are timed in C, SciPy and MuJoCo around their calls from Python. SUNDIALS and SciPy integrate the kernel's own "
         "right-hand side, SUNDIALS with its analytic Jacobian. With events, they find where a string leaves its piece of the force "
-        "curve and restart there; without, they integrate the law with its jumps. Runs of all contenders alternate; times are medians "
-        f"of {settings['rounds'] + 1} turns. A run of more than {settings['limit']:g} s is noted as such in the data and left out.", "",
+        "curve and restart there; without, they integrate the law with its jumps. Runs of all contenders alternate; times are "
+        f"processor times, medians of {settings['rounds'] + 1} turns. A run of more than {settings['limit']:g} s is noted as such in the data and left out.", "",
         "SUNDIALS is set up in two ways. *Plain*: what one writes from its manual, CVODE BDF and Adams, ARKODE's own explicit and "
         "implicit tables of order 4 and 5, roots in both directions, `CVodeReInit`, `ERKStepReInit` or `ARKStepReInit` at each root. "
         "*All set-ups* adds what made it faster here: root directions, fused vector operations, `ERKStepReset` and `ARKStepReset`, "

@@ -28,7 +28,7 @@ def too_long(limit: float) -> str:
 
 @dataclass
 class Run:
-    """seconds: of every repetition; position: (21, N, D) m at the output instants, the start first; energy: (21,) J, or
+    """seconds: processor time of every repetition; position: (21, N, D) m at the output instants, the start first; energy: (21,) J, or
     None; counts: what the solver counted; failure: why there is no result."""
 
     seconds: list[float]

@@ -83,12 +83,12 @@ def _measure(problem: Problem, integrator: str, step: float, repetitions: int, l
     engine, seconds = Engine(problem, integrator, step), []
     for _ in range(repetitions):
         engine.begin()
-        start = time.perf_counter()
+        start = time.process_time()
         try:
             position = engine.run(limit)
         except TimeoutError as failure:
-            return Run([time.perf_counter() - start], failure=str(failure))
-        seconds.append(time.perf_counter() - start)
+            return Run([time.process_time() - start], failure=str(failure))
+        seconds.append(time.process_time() - start)
     return Run(seconds, position, counts={"steps": round(problem.duration / step)})
 
 

@@ -138,13 +138,13 @@ def _measure(
     seconds = []
     for _ in range(repetitions):
         compiled.begin(limit)
-        start = time.perf_counter()
+        start = time.process_time()
         try:
             with np.errstate(all="ignore"):  # a trial step may overflow
                 rows, counts = _integrate(compiled, method, tolerance, events, bench.problem.duration)
         except (TimeoutError, RuntimeError, ValueError) as failure:  # ValueError: SciPy's linear algebra refuses what is not finite
-            return Run([time.perf_counter() - start], failure=str(failure))
-        seconds.append(time.perf_counter() - start)
+            return Run([time.process_time() - start], failure=str(failure))
+        seconds.append(time.process_time() - start)
     outputs = [compiled.outputs(x) for x in rows]
     position = np.array([position for position, _ in outputs]).reshape(INSTANTS + 1, -1, len(bench.problem.model.axes))
     return Run(seconds, position, np.array([energy for _, energy in outputs]), counts)
