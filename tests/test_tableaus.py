@@ -192,6 +192,17 @@ def test_ros2_is_l_stable(which):
     assert max(abs(R(1j * v)) for v in y) <= 1.0 + 1e-10
 
 
+def test_ros2s_damping_coefficient_errs_34_times_as_much():
+    """The factor that docs/methods.md and the tableau give: of the z^3 that the stability functions miss in exp(z)."""
+
+    def missing(which):
+        _, Gamma, alpha, b = ros2(which)
+        beta = alpha + Gamma
+        return 1.0 / 6.0 - b @ beta @ beta @ np.ones(2)
+
+    assert abs(missing(1) / missing(0)) == pytest.approx(34.0, abs=0.5)
+
+
 def test_radau9_has_order_9():
     t = arrays("radau9_tableau.h")
     A, c = t["A"], t["C"]

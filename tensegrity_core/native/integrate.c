@@ -8,6 +8,7 @@
 #define SAFETY 0.9
 #define LEAST_ERROR 1e-4 /* that the control remembers */
 #define SHRINK 0.2     /* smallest factor of the step after a rejection */
+#define RETAKES 8      /* attempts in a row after which a doubtful transition counts all the same */
 #define ROUND_OFF (8.0 * DBL_EPSILON)
 #define FIXED_STEP 1e-3 /* s, where none is given */
 
@@ -115,8 +116,9 @@ static void restart(ts_sim *sim, double tau)
     sim->memory.joined = 0.0;
 }
 
-/* An attempt succeeded: find its first transition; the step is open then. */
-static void open_span(ts_sim *sim, const ts_method *method, double tau, double h, int locate)
+/* An attempt succeeded: find its first transition; the step is open then.  Returns whether the transition is a doubtful one,
+ * see events.c. */
+static int open_span(ts_sim *sim, const ts_method *method, double tau, double h, int locate)
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_span *span = &sim->memory.span;
@@ -128,9 +130,21 @@ static void open_span(ts_sim *sim, const ts_method *method, double tau, double h
     sim->dense_ready = 0;
     sim->memory.joined = 0.0;
     if (method->flags & TS_ALWAYS_DENSE) make_dense(sim, method, tau, h);
-    int which = -1;
-    double theta = locate ? ts_first_transition(sim, method, tau, h, &which) : -1.0;
+    int which = -1, doubtful = 0;
+    double theta = locate ? ts_first_transition(sim, method, tau, h, &which, &doubtful) : -1.0;
     *span = (ts_span){tau, h, theta >= 0.0 ? theta : 1.0, ts_clipped_energy(sim, tau), which, sim->memory.active};
+    return doubtful;
+}
+
+/* Take the step again, shorter: positions and velocities on its dense output will agree better. */
+static void retake(ts_sim *sim, double h)
+{
+    sim->memory.span.h = 0.0;
+    sim->memory.h_next = SHRINK * h;
+    sim->memory.stats[TS_STEPS]--;
+    sim->memory.stats[TS_IMPLICIT_STEPS] -= (methods[sim->memory.active]->flags & TS_IMPLICIT) != 0;
+    sim->memory.stats[TS_REJECTED]++;
+    sim->memory.rejected++;
 }
 
 /* Go to where the open step ends or its first transition is.  Returns whether there was one. */
@@ -276,8 +290,11 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
             continue;
         }
         int locate = !sim->unlocated && (!method->splits || p.splits < method->splits);
-        open_span(sim, method, tau, h, locate);
-        sim->memory.rejected = 0;
+        if (open_span(sim, method, tau, h, locate) && !fixed && memory->rejected < RETAKES) {
+            retake(sim, h);
+            continue;
+        }
+        memory->rejected = 0;
         double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
         if (reached > end * (1.0 + ROUND_OFF)) {
             state_at(sim, &memory->span, (end - tau) / h);

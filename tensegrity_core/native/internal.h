@@ -252,7 +252,7 @@ void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, doubl
 /* events.c */
 void ts_place(ts_sim *sim, int string, int piece);
 void ts_place_all(ts_sim *sim);
-double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which);
+double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which, int *doubtful);
 void ts_switch(ts_sim *sim, double tau, int which);
 void ts_catch_up(ts_sim *sim, double tau);
 
