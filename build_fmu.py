@@ -6,11 +6,14 @@ import argparse
 import sys
 from pathlib import Path
 
+from fmu_src.native_fmu import here, pack_native_fmu
 from fmu_src.pack import fmi_platform, pack_python_fmu
 from fmu_src.report import write_report
 from fmu_src.scenarios import scenarios
 from fmu_src.validate import CACHE, Validation, finish, run_outside, submit, workers
 from tensegrity_core.errors import TensegrityError
+from tensegrity_core.model import Model
+from tensegrity_core.native.build import TARGETS
 from tensegrity_core.scene import builtin_scenes, load_scene
 from tensegrity_core.statics import build_model
 
@@ -19,7 +22,9 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="build_fmu.py", description=__doc__)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="a scene's name, or the path of a .toml file")
     parser.add_argument("--all", action="store_true", help=f"all scenes: {', '.join(builtin_scenes())}")
-    parser.add_argument("--runtime", choices=("python", "native", "both"), default="python", help="default: python")
+    parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
+    targets = f"{', '.join(TARGETS)}, or all"
+    parser.add_argument("--platforms", default="", metavar="NAMES", help=f"of native FMUs, beside this one: {targets}")
     parser.add_argument("--output", type=Path, default=Path("dist"), metavar="DIR", help="default: dist")
     namings = ("structured", "flat")
     parser.add_argument("--naming", choices=namings, default="structured", help="n4.force.x or n4_force_x")
@@ -28,29 +33,42 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--no-cache", dest="cache", action="store_const", const=None, help="run every reference anew")
     parser.add_argument("--cache", type=Path, default=CACHE, metavar="DIR", help="folder of reference runs")
     found = parser.parse_args(words)
+    found.platforms = tuple(TARGETS) if found.platforms == "all" else tuple(filter(None, found.platforms.split(",")))
     if found.all:
         found.scenes = [*builtin_scenes(), *found.scenes]
     if not found.scenes:
         parser.error("name a scene, or give --all")
-    if found.runtime != "python":
-        parser.error(f"--runtime {found.runtime}: there is no native runtime yet; use --runtime python")
     return found
 
 
 def main(words: list[str] | None = None) -> int:
     """Returns the exit code: 0; 1 where a bound was passed or a validation failed; 2 where nothing could be built."""
     options = arguments(words)
-    built: dict[str, Path] = {}
+    runtimes = ("native", "python") if options.runtime == "both" else (options.runtime,)
+    built: dict[tuple[str, str], Path] = {}
     try:
-        fmi_platform()
+        for runtime in runtimes:
+            CHECKS[runtime]()
         models = unique([build_model(load_scene(scene)) for scene in options.scenes])
         for name, model in models.items():
-            built[name] = pack_python_fmu(model, options.output / "python" / f"{name}.fmu", options.naming)
-            print(f"wrote {built[name]}", flush=True)
+            for runtime in runtimes:
+                built[name, runtime] = pack(model, runtime, options)
+                print(f"wrote {built[name, runtime]}", flush=True)
     except (TensegrityError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return validate(models, built, options) if options.validate else 0
+
+
+#: What says at once that a runtime cannot be built here.
+CHECKS = {"native": here, "python": fmi_platform}
+
+
+def pack(model: Model, runtime: str, options: argparse.Namespace) -> Path:
+    path = options.output / runtime / f"{model.name}.fmu"
+    if runtime == "python":
+        return pack_python_fmu(model, path, options.naming)
+    return pack_native_fmu(model, path, options.naming, options.platforms)
 
 
 def unique(models: list) -> dict:
@@ -63,30 +81,28 @@ def unique(models: list) -> dict:
     return found
 
 
-def validate(models: dict, built: dict, options: argparse.Namespace) -> int:
+def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], options: argparse.Namespace) -> int:
     """Validate all FMUs, the reference runs of all of them side by side; prints the table, writes the reports."""
     runs = {name: scenarios(model, thorough=options.thorough) for name, model in models.items()}
-    outside, started, status = {}, {}, 0
-    for name, model in models.items():
+    outside, status = {}, 0
+    for (name, runtime), path in built.items():
         try:
-            outside[name] = run_outside(built[name], model, options.naming, runs[name])
+            outside[name, runtime] = run_outside(path, models[name], options.naming, runs[name])
         except TensegrityError as error:
-            status = fail(name, error)
+            status = fail(f"{name}, {runtime}", error)
     with workers() as executor:
-        for name in outside:
-            started[name] = submit(executor, runs[name], options.cache)
+        started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
         print(HEAD, flush=True)
-        for name in outside:
+        for (name, runtime), results in outside.items():
             try:
-                validation = finish(models[name], "python", runs[name], outside[name], started[name])
+                validation = finish(models[name], runtime, runs[name], results, started[name])
             except TensegrityError as error:
-                status = fail(name, error)
+                status = fail(f"{name}, {runtime}", error)
                 continue
-            report = built[name].with_suffix(".html")
-            write_report(validation, report)
+            write_report(validation, built[name, runtime].with_suffix(".html"))
             print(row(validation), flush=True)
             for failure in validation.failures:
-                status = fail(name, failure)
+                status = fail(f"{name}, {runtime}", failure)
     return status
 
 

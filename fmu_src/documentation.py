@@ -7,7 +7,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tensegrity_core.model import Model
 
 from .interface import Variable
-from .model_description import LOG_CATEGORIES
+from .model_description import Runtime
 
 
 def environment() -> Environment:
@@ -15,9 +15,7 @@ def environment() -> Environment:
     return Environment(loader=PackageLoader("fmu_src"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
 
 
-def index_html(model: Model, table: tuple[Variable, ...], version: str, tool: str) -> bytes:
+def index_html(model: Model, table: tuple[Variable, ...], version: str, runtime: Runtime) -> bytes:
     """documentation/index.html: what the FMU is, its variables, its equations in brief, its limits."""
-    page = environment().get_template("index.html").render(
-        model=model, table=table, version=version, tool=tool, categories=LOG_CATEGORIES
-    )
+    page = environment().get_template("index.html").render(model=model, table=table, version=version, runtime=runtime)
     return page.encode("utf-8")

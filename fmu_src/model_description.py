@@ -25,7 +25,7 @@ UNITS = {
     "J": {"kg": 1, "m": 2, "s": -2},
 }
 
-#: Log categories and what they carry.
+#: Log categories of every FMU and what they carry.
 LOG_CATEGORIES = {
     "logStatusWarning": "things that the host should know and that change nothing",
     "logStatusDiscard": "values and calls that were refused, and steps that could not be completed",
@@ -36,11 +36,13 @@ LOG_CATEGORIES = {
 
 @dataclass(frozen=True)
 class Runtime:
-    """What differs between the runtimes.  capabilities: attributes of the CoSimulation element."""
+    """What differs between the runtimes.  name: 'python' or 'native'; tool: what made the FMU; capabilities: attributes of
+    the CoSimulation element beside CAPABILITIES; categories: of the log."""
 
+    name: str
     tool: str
-    capabilities: dict[str, bool] = field(default_factory=dict)
-    source_files: tuple[str, ...] = ()
+    capabilities: dict[str, bool | int] = field(default_factory=dict)
+    categories: dict[str, str] = field(default_factory=lambda: dict(LOG_CATEGORIES))
 
 
 #: What every FMU of this project can do.
@@ -90,14 +92,10 @@ def model_description(
     slave = XML.SubElement(root, "CoSimulation", modelIdentifier=identifier)
     for name, value in capabilities.items():
         slave.set(name, _text(value))
-    if runtime.source_files:
-        files = XML.SubElement(slave, "SourceFiles")
-        for name in runtime.source_files:
-            XML.SubElement(files, "File", name=name)
     _add_units(root, {row.unit for row in table if row.unit})
     _add_method_type(root)
     categories = XML.SubElement(root, "LogCategories")
-    for name, meaning in LOG_CATEGORIES.items():
+    for name, meaning in runtime.categories.items():
         XML.SubElement(categories, "Category", name=name, description=meaning)
     _add_experiment(root, experiment)
     scalars = XML.SubElement(root, "ModelVariables")

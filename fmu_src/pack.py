@@ -85,20 +85,28 @@ def python_fmu_files(model: Model, naming: str, library: Path) -> dict[str, byte
     files["resources/model.bin"] = to_bytes(model)
     files["resources/variables.json"] = variables_json(model, table, f"native/{library.name}", _digest(files))
     files[f"binaries/{binary_platform}/{model.name}{suffix}"] = _binary(binary_platform, suffix)
+    runtime = Runtime("python", f"tensegrity {tensegrity_core.__version__} with pythonfmu {metadata.version('pythonfmu')}")
+    complete(files, model, table, runtime, naming)
+    files["documentation/licenses/pythonfmu.txt"] = licence_of("pythonfmu")
+    return files
 
-    runtime = Runtime(tool=f"tensegrity {tensegrity_core.__version__} with pythonfmu {metadata.version('pythonfmu')}")
+
+def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...], runtime: Runtime, naming: str) -> str:
+    """Add what every FMU has: description, icon, documentation, licence.  Returns the GUID, a hash of `files` as they were
+    and of the description."""
     tolerance = next(row.start for row in table if row.field == "tolerance")
+    version = tensegrity_core.__version__
 
     def description(guid: str) -> bytes:
         experiment = Experiment(tolerance=tolerance)
-        version = tensegrity_core.__version__
         return model_description(model, table, runtime, model.name, guid, version, naming, experiment)
 
-    files["modelDescription.xml"] = description(content_guid(description(""), files))
+    guid = content_guid(description(""), files)
+    files["modelDescription.xml"] = description(guid)
     files["model.png"] = model_png(model)
-    files["documentation/index.html"] = index_html(model, table, tensegrity_core.__version__, runtime.tool)
-    files.update(_licences())
-    return files
+    files["documentation/index.html"] = index_html(model, table, version, runtime)
+    files["documentation/licenses/license.txt"] = licence_of("tensegrity")
+    return guid
 
 
 def variables_json(model: Model, table: tuple[Variable, ...], library: str, content: str) -> bytes:
@@ -182,15 +190,12 @@ def _digest(files: dict[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def _licences() -> dict[str, bytes]:
-    """Licence texts: this project's as FMI's entry point, pythonfmu's beside it."""
-    found = {}
-    for package, name in (("tensegrity", "license.txt"), ("pythonfmu", "pythonfmu.txt")):
-        text = _licence_of(package)
-        if text is None:
-            raise PackError(f"no licence text of {package} was found. Install {package} anew")
-        found[f"documentation/licenses/{name}"] = text
-    return found
+def licence_of(package: str) -> bytes:
+    """Licence text of this project or of an installed package.  Raises PackError."""
+    text = _licence_of(package)
+    if text is None:
+        raise PackError(f"no licence text of {package} was found. Install {package} anew")
+    return text
 
 
 def _licence_of(package: str) -> bytes | None:

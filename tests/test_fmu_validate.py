@@ -272,23 +272,28 @@ def brief(monkeypatch):
 def test_build_and_validate(brief, tmp_path, capsys):
     options = ["two_bar_nsh", "--output", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     assert build_fmu.main(options) == 0
-    shown = capsys.readouterr().out
-    line = next(line for line in shown.splitlines() if line.startswith("two_bar_nsh"))
-    assert "python" in line and " m " in line and " N " in line and " us " in line and line.endswith("x")
-    files = {path.name for path in (tmp_path / "out" / "python").iterdir()}
-    assert files == {"two_bar_nsh.fmu", "two_bar_nsh.html"}
-    page = (tmp_path / "out" / "python" / "two_bar_nsh.html").read_text(encoding="utf-8")
-    assert "a short lift" in page and "data:image/png;base64," in page and "Every bound holds." in page
-    assert "http" not in page.replace("data:image", "").split("</style>")[1].split("Made with")[0]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("two_bar_nsh")]
+    assert [line.split()[1] for line in lines] == ["native", "python"]
+    assert all(" m " in line and " N " in line and " us " in line and line.endswith("x") for line in lines)
+    for runtime in ("native", "python"):
+        folder = tmp_path / "out" / runtime
+        assert {path.name for path in folder.iterdir()} == {"two_bar_nsh.fmu", "two_bar_nsh.html"}
+        page = (folder / "two_bar_nsh.html").read_text(encoding="utf-8")
+        assert f"Validation of two_bar_nsh, {runtime} FMU" in page
+        assert "a short lift" in page and "data:image/png;base64," in page and "Every bound holds." in page
+        assert "http" not in page.replace("data:image", "").split("</style>")[1].split("Made with")[0]
     assert len(list((tmp_path / "cache").iterdir())) == 1
-    assert build_fmu.main(options) == 0 and "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text()
+    assert build_fmu.main([*options, "--runtime", "python"]) == 0
+    assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text()
 
 
 def test_a_passed_bound_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(compare, "POSITION_BOUND", 0.0)
     assert build_fmu.main(["two_bar", "--output", str(tmp_path), "--no-cache"]) == 1
-    assert "FAILED two_bar: short: position error" in capsys.readouterr().err
-    assert "Bounds passed" in (tmp_path / "python" / "two_bar.html").read_text(encoding="utf-8")
+    shown = capsys.readouterr().err
+    for runtime in ("native", "python"):
+        assert f"FAILED two_bar, {runtime}: short: position error" in shown
+        assert "Bounds passed" in (tmp_path / runtime / "two_bar.html").read_text(encoding="utf-8")
 
 
 def test_a_reference_that_cannot_go_on_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
@@ -302,7 +307,7 @@ def test_a_reference_that_cannot_go_on_is_exit_code_1(brief, tmp_path, capsys, m
 
 @pytest.mark.parametrize(
     "words",
-    [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--runtime", "native"], ["two_bar", "-x"],
+    [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--runtime", "both", "--platforms", "amiga"], ["two_bar", "-x"],
      ["two_bar", "two_bar"]],
 )
 def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys, monkeypatch):

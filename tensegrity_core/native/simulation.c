@@ -75,16 +75,30 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
         free(sim);
         return NULL;
     }
-    memcpy(sim->values, sim->m.start, sizeof(double) * (size_t)sim->n_applied);
-    sim->integers[sim->m.int_at[TS_INT_METHOD]] = sim->m.method_start;
-    int32_t index;
-    if (ts_check(sim, &index) == TS_OK && !build_curves(sim)) { /* else ts_initialize() will say what is wrong */
-        snprintf(message, capacity, "out of memory");
+    if (ts_reset(sim) != TS_OK) {
+        snprintf(message, capacity, "%s", sim->message);
         ts_free(sim);
         return NULL;
     }
-    say(sim, "");
     return sim;
+}
+
+int ts_reset(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int32_t index;
+    memset(sim->values, 0, sizeof(double) * (size_t)m->n_real);
+    memset(sim->integers, 0, sizeof(int32_t) * (size_t)m->n_int);
+    memset(&sim->memory, 0, sizeof sim->memory);
+    memcpy(sim->values, m->start, sizeof(double) * (size_t)sim->n_applied);
+    sim->integers[m->int_at[TS_INT_METHOD]] = m->method_start;
+    sim->transition_count = 0;
+    if (ts_check(sim, &index) == TS_OK && !build_curves(sim)) { /* else ts_initialize() will say what is wrong */
+        say(sim, "out of memory");
+        return TS_BAD_MODEL;
+    }
+    say(sim, "");
+    return TS_OK;
 }
 
 void ts_free(ts_sim *sim)

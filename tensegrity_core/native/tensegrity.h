@@ -9,7 +9,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#if defined(_WIN32)
+#if defined(TS_INTERNAL) /* inside another library: nothing of the kernel is exported */
+#define TS_API
+#elif defined(_WIN32)
 #define TS_API __declspec(dllexport)
 #else
 #define TS_API __attribute__((visibility("default")))
@@ -50,6 +52,9 @@ TS_API int32_t *ts_integers(ts_sim *sim);
 TS_API double ts_time(const ts_sim *sim); /* s */
 TS_API const char *ts_message(const ts_sim *sim);
 TS_API const char *ts_status_name(int status);
+
+/* Inputs, parameters and state as ts_create() left them. */
+TS_API int ts_reset(ts_sim *sim);
 
 /* Look through inputs and parameters.  On TS_BAD_INPUT, *index is the offender's place in the block of doubles, or
  * n_real + its place in the block of integers. */

@@ -1,0 +1,112 @@
+"""Packs the native FMU: a library that needs nothing of the target, and the scene's data in resources/.
+
+The library is the same for every scene: kernel and FMI functions, compiled when this package was installed.  Building an FMU
+only copies it under the scene's name.  Libraries for other platforms are compiled by ``ziglang`` where it is installed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import struct
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import tensegrity_core
+from tensegrity_core.model import Model, to_bytes
+from tensegrity_core.native import build
+
+from .interface import Variable, variables
+from .model_description import LOG_CATEGORIES, Runtime
+from .pack import PackError, complete, write_zip
+
+HERE = Path(__file__).parent
+
+#: FMI's name of the platform by (sys.platform, machine).
+HOSTS = {
+    ("linux", "x86_64"): "linux64",
+    ("linux", "aarch64"): "aarch64-linux",
+    ("win32", "amd64"): "win64",
+    ("darwin", "x86_64"): "darwin64",
+    ("darwin", "arm64"): "aarch64-darwin",
+}
+
+#: What the native FMU logs beside LOG_CATEGORIES; in the order of the enumeration in native_runtime/instance.h.
+SOLVER_CATEGORY = {"logSolver": "what the integrator did since the start, at each step"}
+
+#: In which modes a variable may be set, as the bits of native_runtime/instance.h: instantiated 1, initialization 2, steps 4.
+SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0}
+
+
+def here() -> str:
+    """FMI's name of the platform that runs this, such as linux64.  Raises PackError."""
+    key = sys.platform, platform.machine().lower()
+    if key not in HOSTS:
+        raise PackError(f"FMI 2.0 has no name for the platform {'/'.join(key)}; known: {', '.join(HOSTS.values())}")
+    return HOSTS[key]
+
+
+def pack_native_fmu(model: Model, destination: Path, naming: str = "structured", platforms: tuple[str, ...] = ()) -> Path:
+    """Write the native FMU of a model; returns its path.
+
+    destination: the .fmu file; naming: 'structured' or 'flat'; platforms: beside the one that runs this, keys of
+    build.TARGETS, compiled by ziglang.  Raises PackError.
+    """
+    libraries = {here(): HERE / "native_runtime" / build.FMU_LIBRARY}
+    libraries |= {name: cross_compiled(name) for name in platforms if name not in libraries}
+    write_zip(destination, native_fmu_files(model, naming, libraries))
+    return destination
+
+
+def cross_compiled(name: str) -> Path:
+    """The library for another platform, compiled unless its sources have not changed since.  Raises PackError."""
+    if name not in build.TARGETS:
+        raise PackError(f"platform {name!r}: use one of {', '.join(build.TARGETS)}")
+    target = HERE.parent / "build" / "native" / name / f"tensegrity_fmu{build.TARGETS[name].suffix}"
+    sources = [path for folder in (build.HERE, build.RUNTIME) for path in folder.iterdir() if path.suffix in {".c", ".h", ".def", ".py"}]
+    if target.is_file() and target.stat().st_mtime > max(path.stat().st_mtime for path in sources):
+        return target
+    if importlib.util.find_spec("ziglang") is None:
+        raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang")
+    try:
+        return build.compile_fmu_library(target, name)
+    except RuntimeError as error:
+        raise PackError(str(error)) from error
+
+
+def native_fmu_files(model: Model, naming: str, libraries: dict[str, Path]) -> dict[str, bytes]:
+    """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file."""
+    table = variables(model, naming)
+    files = {"resources/model.bin": to_bytes(model), "resources/variables.bin": variables_bin(model, table, "")}
+    for name, library in libraries.items():
+        if not library.is_file():
+            raise PackError(f"{library} is missing; install this package anew: pip install -e .")
+        files[f"binaries/{name}/{model.name}{library.suffix}"] = library.read_bytes()
+    runtime = Runtime(
+        "native",
+        f"tensegrity {tensegrity_core.__version__}",
+        categories={**LOG_CATEGORIES, **SOLVER_CATEGORY},
+    )
+    guid = complete(files, model, table, runtime, naming)
+    files["resources/variables.bin"] = variables_bin(model, table, guid)
+    return files
+
+
+def variables_bin(model: Model, table: tuple[Variable, ...], guid: str) -> bytes:
+    """What the runtime must know of the variables, in the layout of native_runtime/variables.c (little-endian)."""
+    largest = np.finfo(float).max
+    reals = sum(row.kind == "Real" for row in table)
+    tolerance = next(row.reference for row in table if row.field == "tolerance")
+    low = [-largest if row.min is None else row.min for row in table]
+    high = [largest if row.max is None else row.max for row in table]
+    settable = [SETTABLE[row.causality if row.causality != "parameter" else row.variability] for row in table]
+    texts = [guid, *(row.name for row in table), *model.string_names]
+    return (
+        b"TSVARS1\0"
+        + struct.pack("<4i", reals, len(table), len(model.string_names), tolerance)
+        + np.array([*low, *high], "<f8").tobytes()
+        + np.array(settable, "<i4").tobytes()
+        + b"".join(text.encode() + b"\0" for text in texts)
+    )

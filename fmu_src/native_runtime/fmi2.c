@@ -1,0 +1,558 @@
+/* FMI 2.0 for co-simulation: order of calls, values, steps, states.
+ *
+ * Status: fmi2Discard where a value or a step is refused and the instance stays as it was; fmi2Error for a call that must not
+ * be made (then only a reset, a saved state or fmi2FreeInstance help); never fmi2Fatal.  docs/fmu.md has the table. */
+#include "instance.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MAX_EVENTS 1000 /* logged per step */
+#define AFTER_START (FMU_INITIALIZATION | FMU_STEPPING | FMU_TERMINATED | FMU_ERROR)
+
+/* ------------------------------------------------------------------------------------------------------------ helpers */
+
+static fmi2Status error(instance *fmu, const char *what, const char *why)
+{
+    fmu->mode = FMU_ERROR;
+    fmu_log(fmu, LOG_ERROR, fmi2Error, "%s: %s", what, why);
+    return fmi2Error;
+}
+
+static const char *mode_name(int mode)
+{
+    switch (mode) {
+    case FMU_INSTANTIATED: return "before fmi2EnterInitializationMode";
+    case FMU_INITIALIZATION: return "in Initialization Mode";
+    case FMU_STEPPING: return "after fmi2ExitInitializationMode";
+    case FMU_TERMINATED: return "after fmi2Terminate";
+    default: return "after an error; reset the instance or put a saved state back";
+    }
+}
+
+/* Is the call allowed now?  If not, it is an error. */
+static int allowed(instance *fmu, int modes, const char *what)
+{
+    if (!fmu) return 0;
+    if (fmu->mode & modes) return 1;
+    char why[128];
+    snprintf(why, sizeof why, "must not be called %s", mode_name(fmu->mode));
+    error(fmu, what, why);
+    return 0;
+}
+
+#define REQUIRE(component, modes)                               \
+    instance *fmu = component;                                  \
+    if (!allowed(fmu, modes, __func__)) return fmi2Error
+
+#define REQUIRE_POINTER(pointer) \
+    if (!(pointer)) return error(fmu, __func__, "a null pointer was passed")
+
+/* Initialization Mode: outputs follow inputs and parameters at once, computed when somebody looks. */
+static int refresh(instance *fmu, const char *what)
+{
+    if (!fmu->stale) return 1;
+    int32_t index = -1;
+    if (ts_check(fmu->sim, &index) != TS_OK) {
+        fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: %s %s", what, fmu->table.name[index], ts_message(fmu->sim));
+        return 0;
+    }
+    if (ts_initialize(fmu->sim, fmu->start) != TS_OK) {
+        fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: no start can be computed: %s", what, ts_message(fmu->sim));
+        return 0;
+    }
+    fmu->stale = 0;
+    return 1;
+}
+
+/* ----------------------------------------------------------------------------------------------------------- inquiries */
+
+FMI2_Export const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+FMI2_Export const char *fmi2GetVersion(void) { return fmi2Version; }
+
+FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
+{
+    fmi2Status status = fmi2OK;
+    REQUIRE(c, FMU_ANY);
+    if (n) REQUIRE_POINTER(categories);
+    fmu->log[LOG_EVENTS] = fmu->log[LOG_SOLVER] = on && n == 0;
+    for (size_t i = 0; i < n; i++) {
+        int known = 0;
+        for (int k = 0; k < LOG_CATEGORIES && categories[i]; k++)
+            if (!strcmp(categories[i], fmu_categories[k])) {
+                if (k >= LOG_EVENTS) fmu->log[k] = on;
+                known = 1;
+            }
+        if (known) continue;
+        status = fmi2Warning;
+        fmu_log(fmu, LOG_WARNING, status, "%s: there is no log category %s", __func__, categories[i] ? categories[i] : "(null)");
+    }
+    return status;
+}
+
+/* ---------------------------------------------------------------------------------------------------------- life cycle */
+
+static void to_instantiated(instance *fmu)
+{
+    fmu->mode = FMU_INSTANTIATED;
+    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->discarded = 0;
+    fmu->start = fmu->time = fmu->stop = 0.0;
+}
+
+static ts_sim *load(instance *fmu, const char *location, const char *guid, char *why, size_t capacity)
+{
+    size_t size;
+    char *bytes = fmu_resource(location, "variables.bin", &size, why, capacity);
+    if (!bytes) return NULL;
+    if (!variables_read(&fmu->table, bytes, size)) {
+        snprintf(why, capacity, "resources/variables.bin is damaged or of another version; unzip the FMU anew");
+        return NULL;
+    }
+    if (strcmp(guid, fmu->table.guid)) {
+        snprintf(why, capacity, "the GUID %s is not that of this FMU, %s", guid, fmu->table.guid);
+        return NULL;
+    }
+    if (!(bytes = fmu_resource(location, "model.bin", &size, why, capacity))) return NULL;
+    ts_sim *sim = ts_create(bytes, size, why, capacity);
+    free(bytes);
+    return sim;
+}
+
+static void release(instance *fmu)
+{
+    if (!fmu) return;
+    ts_free(fmu->sim);
+    variables_free(&fmu->table);
+    free(fmu->name);
+    free(fmu);
+}
+
+FMI2_Export void fmi2FreeInstance(fmi2Component c) { release(c); }
+
+static uint64_t hash(const char *text)
+{
+    uint64_t value = 14695981039346656037u;
+    while (*text) value = (value ^ (unsigned char)*text++) * 1099511628211u;
+    return value;
+}
+
+FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
+                                          const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
+{
+    char why[512] = "";
+    instance *fmu = calloc(1, sizeof *fmu);
+    (void)visible;
+    if (!fmu) return NULL;
+    if (functions) fmu->host = *functions;
+    for (int k = 0; k < LOG_CATEGORIES; k++) fmu->log[k] = k < LOG_EVENTS || logging;
+    const char *title = name && *name ? name : "(no name)";
+    if ((fmu->name = malloc(strlen(title) + 1))) strcpy(fmu->name, title);
+    if (!fmu->name) snprintf(why, sizeof why, "out of memory");
+    else if (!name || !*name) snprintf(why, sizeof why, "the instance needs a name");
+    else if (type != fmi2CoSimulation) snprintf(why, sizeof why, "this FMU is for co-simulation only");
+    else if (!guid || !location) snprintf(why, sizeof why, "GUID and resource location are needed");
+    else fmu->sim = load(fmu, location, guid, why, sizeof why);
+    if (!fmu->sim) {
+        if (fmu->name) fmu_log(fmu, LOG_ERROR, fmi2Error, "%s: %s", __func__, why);
+        release(fmu);
+        return NULL;
+    }
+    fmu->values = ts_values(fmu->sim);
+    fmu->integers = ts_integers(fmu->sim);
+    fmu->identity = hash(fmu->table.guid);
+    to_instantiated(fmu);
+    return fmu;
+}
+
+static int accepts(const variable_table *t, int32_t reference, double value)
+{
+    return t->low[reference] <= value && value <= t->high[reference]; /* false for NaN */
+}
+
+FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
+                                           fmi2Boolean stop_defined, fmi2Real stop)
+{
+    REQUIRE(c, FMU_INSTANTIATED);
+    if (!isfinite(start)) return error(fmu, __func__, "the start time is not a finite number");
+    if (stop_defined && !(stop >= start)) return error(fmu, __func__, "the stop time lies before the start time");
+    fmu->start = fmu->time = start;
+    fmu->stop = stop;
+    fmu->stop_defined = stop_defined != 0;
+    if (!tolerance_defined || fmu->tolerance_set) return fmi2OK;
+    int32_t place = fmu->table.tolerance;
+    if (accepts(&fmu->table, place, tolerance)) {
+        fmu->values[place] = tolerance;
+        return fmi2OK;
+    }
+    char text[32];
+    fmu_log(fmu, LOG_WARNING, fmi2Warning, "%s: the tolerance %s is out of range: ignored", __func__, fmu_number(tolerance, text));
+    return fmi2Warning;
+}
+
+FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    REQUIRE(c, FMU_INSTANTIATED);
+    fmu->mode = FMU_INITIALIZATION;
+    fmu->stale = 1;
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    REQUIRE(c, FMU_INITIALIZATION);
+    if (!refresh(fmu, __func__)) return error(fmu, __func__, "the start values above must be mended");
+    fmu->mode = FMU_STEPPING;
+    return fmi2OK;
+}
+
+static void log_solver(const instance *fmu)
+{
+    int64_t s[TS_STATS];
+    if (!fmu->log[LOG_SOLVER]) return;
+    ts_stats(fmu->sim, s);
+    fmu_log(fmu, LOG_SOLVER, fmi2OK, "since the start: %lld steps (%lld implicit), %lld rejected, %lld right-hand sides, %lld Jacobians, %lld transitions",
+            (long long)s[TS_STEPS], (long long)s[TS_IMPLICIT_STEPS], (long long)s[TS_REJECTED], (long long)s[TS_RHS],
+            (long long)s[TS_JACOBIANS], (long long)s[TS_TRANSITIONS]);
+}
+
+FMI2_Export fmi2Status fmi2Terminate(fmi2Component c)
+{
+    REQUIRE(c, FMU_STEPPING);
+    log_solver(fmu);
+    fmu->mode = FMU_TERMINATED;
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2Reset(fmi2Component c)
+{
+    REQUIRE(c, FMU_ANY);
+    if (ts_reset(fmu->sim) != TS_OK) return error(fmu, __func__, ts_message(fmu->sim));
+    to_instantiated(fmu);
+    return fmi2OK;
+}
+
+/* -------------------------------------------------------------------------------------------------------------- values */
+
+/* Position of the first value reference outside first..end-1, or n. */
+static size_t stray(const fmi2ValueReference vr[], size_t n, int32_t first, int32_t end)
+{
+    size_t i = 0;
+    while (i < n && vr[i] >= (uint32_t)first && vr[i] < (uint32_t)end) i++;
+    return i;
+}
+
+static fmi2Status no_such(instance *fmu, const char *what, fmi2ValueReference vr, const char *type)
+{
+    char why[96];
+    snprintf(why, sizeof why, "no %s variable has the value reference %u", type, vr);
+    return error(fmu, what, why);
+}
+
+FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
+{
+    REQUIRE(c, AFTER_START);
+    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    size_t bad = stray(vr, n, 0, fmu->table.reals);
+    if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
+    if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
+    for (size_t i = 0; i < n; i++) value[i] = fmu->values[vr[i]];
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
+{
+    REQUIRE(c, AFTER_START);
+    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    size_t bad = stray(vr, n, fmu->table.reals, fmu->table.count);
+    if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
+    if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
+    for (size_t i = 0; i < n; i++) value[i] = fmu->integers[vr[i] - (uint32_t)fmu->table.reals];
+    return fmi2OK;
+}
+
+/* May the variable take the value now?  fmi2OK, or the status that says why not. */
+static fmi2Status judge(instance *fmu, const char *what, fmi2ValueReference vr, double value, double present)
+{
+    const variable_table *t = &fmu->table;
+    char a[32], b[32], d[32], e[32];
+    if (!(t->settable[vr] & fmu->mode)) {
+        if (value == present) return fmi2OK;
+        const char *why = t->settable[vr] ? "a fixed parameter cannot change after initialization" : "it is an output";
+        char text[256];
+        snprintf(text, sizeof text, "%.100s = %s: %s", t->name[vr], fmu_number(value, a), why);
+        return error(fmu, what, text);
+    }
+    if (accepts(t, (int32_t)vr, value)) return fmi2OK;
+    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: %s = %s refused, %s kept: it must be finite%s%s%s%s", what, t->name[vr],
+            fmu_number(value, a), fmu_number(present, b), t->low[vr] > -DBL_MAX ? ", at least " : "",
+            t->low[vr] > -DBL_MAX ? fmu_number(t->low[vr], d) : "", t->high[vr] < DBL_MAX ? ", at most " : "",
+            t->high[vr] < DBL_MAX ? fmu_number(t->high[vr], e) : "");
+    return fmi2Discard;
+}
+
+/* Values before the first step change the start. */
+static void note_early(instance *fmu, const fmi2ValueReference vr[], size_t n)
+{
+    if (fmu->mode == FMU_STEPPING) return;
+    fmu->stale = fmu->mode == FMU_INITIALIZATION;
+    for (size_t i = 0; i < n; i++) fmu->tolerance_set |= (int32_t)vr[i] == fmu->table.tolerance;
+}
+
+FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
+{
+    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
+    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    size_t bad = stray(vr, n, 0, fmu->table.reals);
+    if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
+    const variable_table *t = &fmu->table;
+    for (size_t i = 0; i < n; i++) {
+        if ((t->settable[vr[i]] & fmu->mode) && accepts(t, (int32_t)vr[i], value[i])) continue;
+        fmi2Status status = judge(fmu, __func__, vr[i], value[i], fmu->values[vr[i]]);
+        if (status != fmi2OK) return status;
+    }
+    for (size_t i = 0; i < n; i++) fmu->values[vr[i]] = value[i];
+    note_early(fmu, vr, n);
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
+{
+    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
+    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    size_t bad = stray(vr, n, fmu->table.reals, fmu->table.count);
+    if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
+    for (size_t i = 0; i < n; i++) {
+        fmi2Status status = judge(fmu, __func__, vr[i], value[i], fmu->integers[vr[i] - (uint32_t)fmu->table.reals]);
+        if (status != fmi2OK) return status;
+    }
+    for (size_t i = 0; i < n; i++) fmu->integers[vr[i] - (uint32_t)fmu->table.reals] = value[i];
+    note_early(fmu, vr, n);
+    return fmi2OK;
+}
+
+/* There are no variables of the other types: only an empty list is right. */
+static fmi2Status none(fmi2Component c, int modes, const fmi2ValueReference vr[], size_t n, const char *what, const char *type)
+{
+    instance *fmu = c;
+    if (!allowed(fmu, modes, what)) return fmi2Error;
+    if (n == 0) return fmi2OK;
+    return vr ? no_such(fmu, what, vr[0], type) : error(fmu, what, "a null pointer was passed");
+}
+
+FMI2_Export fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[])
+{
+    (void)value;
+    return none(c, AFTER_START, vr, n, __func__, "Boolean");
+}
+
+FMI2_Export fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[])
+{
+    (void)value;
+    return none(c, AFTER_START, vr, n, __func__, "String");
+}
+
+FMI2_Export fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Boolean value[])
+{
+    (void)value;
+    return none(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, vr, n, __func__, "Boolean");
+}
+
+FMI2_Export fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[])
+{
+    (void)value;
+    return none(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, vr, n, __func__, "String");
+}
+
+/* --------------------------------------------------------------------------------------------------------------- steps */
+
+static void log_events(const instance *fmu)
+{
+    const ts_transition *t = ts_transitions(fmu->sim);
+    int64_t count = ts_transition_count(fmu->sim);
+    char time[32];
+    for (int64_t i = 0; i < count && i < MAX_EVENTS; i++)
+        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s", fmu->table.name[fmu->table.count + t[i].string],
+                (int)t[i].before, (int)t[i].after, fmu_number(t[i].time, time));
+    if (count > MAX_EVENTS) fmu_log(fmu, LOG_EVENTS, fmi2OK, "%lld more transitions in this step", (long long)(count - MAX_EVENTS));
+}
+
+/* Round-off that a communication point may have: the host counts its own time. */
+static double slack(double time, double h) { return 1e-6 * h + 4.0 * DBL_EPSILON * fabs(time); }
+
+/* Why a step must not be asked for, or NULL. */
+static const char *wrong_step(const instance *fmu, double point, double h, char *text, size_t capacity)
+{
+    char a[32], b[32];
+    if (!(h > 0.0) || !isfinite(h)) snprintf(text, capacity, "the step size %s s is not positive and finite", fmu_number(h, a));
+    else if (!(fabs(point - fmu->time) <= slack(fmu->time, h)))
+        snprintf(text, capacity, "the communication point is %s s, but the FMU stands at %s s", fmu_number(point, a), fmu_number(fmu->time, b));
+    else if (fmu->stop_defined && point + h > fmu->stop + slack(fmu->stop, h))
+        snprintf(text, capacity, "the step from %s s would pass the stop time %s s", fmu_number(point, a), fmu_number(fmu->stop, b));
+    else return NULL;
+    return text;
+}
+
+static fmi2Status discard(instance *fmu, double point)
+{
+    char time[32];
+    fmu->discarded = 1;
+    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "the step from t = %s s is discarded: %s", fmu_number(point, time), ts_message(fmu->sim));
+    return fmi2Discard;
+}
+
+FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, fmi2Boolean no_set_state_prior)
+{
+    char why[192];
+    REQUIRE(c, FMU_STEPPING);
+    (void)no_set_state_prior;
+    if (wrong_step(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
+    if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point);
+    fmu->discarded = 0;
+    fmu->time = point + h;
+    if (fmu->log[LOG_EVENTS] && ts_transition_count(fmu->sim)) log_events(fmu);
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2CancelStep(fmi2Component c)
+{
+    REQUIRE(c, FMU_ANY);
+    return error(fmu, __func__, "no step is under way: fmi2DoStep returns when it is done, never fmi2Pending");
+}
+
+/* fmi2Discard: there is no such status to tell, as no step is ever pending. */
+static fmi2Status not_pending(instance *fmu, const char *what)
+{
+    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: no step is ever pending here", what);
+    return fmi2Discard;
+}
+
+FMI2_Export fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
+{
+    (void)kind, (void)value;
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    return not_pending(fmu, __func__);
+}
+
+FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+{
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE_POINTER(value);
+    if (kind != fmi2LastSuccessfulTime) return not_pending(fmu, __func__);
+    *value = fmu->time;
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
+{
+    (void)kind, (void)value;
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    return not_pending(fmu, __func__);
+}
+
+FMI2_Export fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
+{
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE_POINTER(value);
+    if (kind != fmi2Terminated) return not_pending(fmu, __func__);
+    *value = fmi2False; /* the FMU never asks to end the run */
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
+{
+    (void)kind, (void)value;
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    return not_pending(fmu, __func__);
+}
+
+/* ---------------------------------------------------------------------------------------------------------- derivatives */
+
+FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
+                                                   const fmi2Real value[])
+{
+    (void)vr, (void)n, (void)order, (void)value;
+    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
+    return error(fmu, __func__, "input derivatives are not supported");
+}
+
+FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
+                                                    fmi2Real value[])
+{
+    (void)vr, (void)n, (void)order, (void)value;
+    REQUIRE(c, AFTER_START);
+    return error(fmu, __func__, "output derivatives are not supported");
+}
+
+FMI2_Export fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
+                                                    const fmi2ValueReference known[], size_t knowns, const fmi2Real change[],
+                                                    fmi2Real response[])
+{
+    (void)unknown, (void)unknowns, (void)known, (void)knowns, (void)change, (void)response;
+    REQUIRE(c, AFTER_START);
+    return error(fmu, __func__, "directional derivatives are not provided: no output depends directly on an input");
+}
+
+/* -------------------------------------------------------------------------------------------------------------- states */
+
+FMI2_Export fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REQUIRE(c, FMU_ANY);
+    REQUIRE_POINTER(state);
+    if (!*state && !(*state = malloc(fmu_state_size(fmu)))) return error(fmu, __func__, "out of memory");
+    fmu_state_save(fmu, *state);
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    REQUIRE(c, FMU_ANY);
+    REQUIRE_POINTER(state);
+    const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
+    if (why) return error(fmu, __func__, why);
+    return fmu_state_restore(fmu, state) == TS_OK ? fmi2OK : error(fmu, __func__, ts_message(fmu->sim));
+}
+
+FMI2_Export fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REQUIRE(c, FMU_ANY);
+    if (!state) return fmi2OK;
+    free(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    REQUIRE(c, FMU_ANY);
+    REQUIRE_POINTER(state);
+    REQUIRE_POINTER(size);
+    *size = fmu_state_size(fmu);
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    REQUIRE(c, FMU_ANY);
+    REQUIRE_POINTER(state);
+    REQUIRE_POINTER(bytes);
+    if (size < fmu_state_size(fmu)) return error(fmu, __func__, "the vector is too short; ask fmi2SerializedFMUstateSize");
+    memcpy(bytes, state, fmu_state_size(fmu));
+    return fmi2OK;
+}
+
+FMI2_Export fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    REQUIRE(c, FMU_ANY);
+    REQUIRE_POINTER(bytes);
+    REQUIRE_POINTER(state);
+    const char *why = fmu_state_refusal(fmu, bytes, size);
+    if (why) return error(fmu, __func__, why);
+    char *copy = malloc(size);
+    if (!copy) return error(fmu, __func__, "out of memory");
+    memcpy(copy, bytes, size);
+    *state = copy;
+    return fmi2OK;
+}

@@ -1,0 +1,73 @@
+/* What an instance of the FMU is made of.  The kernel computes (tensegrity.h); this runtime knows FMI's order of calls, the
+ * variables' names and limits, and nothing of forces.  No globals: instances share nothing. */
+#ifndef TENSEGRITY_INSTANCE_H
+#define TENSEGRITY_INSTANCE_H
+
+#include "fmi2Functions.h"
+#include "tensegrity.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Modes of the life cycle, as bits, so that a function can list those in which it may be called. */
+enum {
+    FMU_INSTANTIATED = 1,
+    FMU_INITIALIZATION = 2,
+    FMU_STEPPING = 4,
+    FMU_TERMINATED = 8,
+    FMU_ERROR = 16, /* until the instance is reset, freed or put back into a saved state */
+    FMU_ANY = 31
+};
+
+/* Log categories, in the order of LOG_CATEGORIES in model_description.py. */
+enum { LOG_WARNING, LOG_DISCARD, LOG_ERROR, LOG_EVENTS, LOG_SOLVER, LOG_CATEGORIES };
+
+/* The variable table, packed by pack.py (variables_bin): variables in the order of their value references, reals first. */
+typedef struct {
+    char *bytes; /* owned; the rest points into it */
+    const char *guid;
+    int32_t reals, count, strings;
+    int32_t tolerance; /* reference of solver.tolerance */
+    const double *low, *high;  /* (count) values that are accepted */
+    const int32_t *settable;   /* (count) modes in which a value may be set, as bits */
+    const char **name;         /* (count + strings) owned: of variables, then of strings */
+} variable_table;
+
+typedef struct {
+    fmi2CallbackFunctions host;
+    char *name; /* of the instance, owned */
+    variable_table table;
+    ts_sim *sim;
+    double *values;     /* (reals) the kernel's */
+    int32_t *integers;  /* (count - reals) the kernel's */
+    int log[LOG_CATEGORIES];
+    uint64_t identity;  /* of the FMU, from its GUID: saved states are bound to it */
+
+    /* saved with the FMU state */
+    int32_t mode;
+    int32_t stale;         /* Initialization Mode: outputs are older than the inputs */
+    int32_t tolerance_set; /* by the host: fmi2SetupExperiment does not change it then */
+    int32_t stop_defined;
+    int32_t discarded;     /* the last fmi2DoStep was */
+    double start, time, stop; /* s */
+} instance;
+
+/* messages.c */
+void fmu_log(const instance *fmu, int category, fmi2Status status, const char *format, ...);
+const char *fmu_number(double x, char text[32]);
+extern const char *const fmu_categories[LOG_CATEGORIES];
+
+/* resources.c: the whole of a file in the resources, malloc'ed; NULL with the reason in message. */
+char *fmu_resource(const char *location, const char *file, size_t *size, char *message, size_t capacity);
+
+/* variables.c */
+int variables_read(variable_table *table, char *bytes, size_t size);
+void variables_free(variable_table *table);
+
+/* state.c */
+size_t fmu_state_size(const instance *fmu);
+void fmu_state_save(const instance *fmu, char *bytes);
+const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t size); /* NULL: it is one of this FMU */
+int fmu_state_restore(instance *fmu, const char *bytes);
+
+#endif

@@ -1,0 +1,76 @@
+/* An instance's state as bytes: complete, versioned, bound to its FMU, with a checksum.  A saved FMU state and a serialised
+ * one are the same bytes. */
+#include "instance.h"
+
+#include <string.h>
+
+#define MAGIC 0x3155464d45545354u /* "TSTEMFU1" */
+
+typedef struct {
+    uint64_t magic, identity;
+    int32_t mode, stale, tolerance_set, stop_defined, discarded, spare;
+    double start, time, stop;
+    uint64_t checksum; /* of the head with this field 0 and of the kernel's bytes, which follow */
+} head;
+
+static uint64_t fnv(uint64_t hash, const char *bytes, size_t size)
+{
+    for (size_t i = 0; i < size; i++) hash = (hash ^ (unsigned char)bytes[i]) * 1099511628211u;
+    return hash;
+}
+
+static uint64_t checksum(head h, const char *kernel, size_t size)
+{
+    h.checksum = 0;
+    return fnv(fnv(14695981039346656037u, (const char *)&h, sizeof h), kernel, size);
+}
+
+size_t fmu_state_size(const instance *fmu) { return sizeof(head) + ts_state_size(fmu->sim); }
+
+void fmu_state_save(const instance *fmu, char *bytes)
+{
+    size_t size = ts_state_size(fmu->sim);
+    head h;
+    memset(&h, 0, sizeof h);
+    h.magic = MAGIC;
+    h.identity = fmu->identity;
+    h.mode = fmu->mode;
+    h.stale = fmu->stale;
+    h.tolerance_set = fmu->tolerance_set;
+    h.stop_defined = fmu->stop_defined;
+    h.discarded = fmu->discarded;
+    h.start = fmu->start;
+    h.time = fmu->time;
+    h.stop = fmu->stop;
+    ts_save(fmu->sim, bytes + sizeof h, size);
+    h.checksum = checksum(h, bytes + sizeof h, size);
+    memcpy(bytes, &h, sizeof h);
+}
+
+const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t size)
+{
+    head h;
+    if (size < sizeof h) return "it is too short";
+    memcpy(&h, bytes, sizeof h);
+    if (h.magic != MAGIC) return "it is no state of this version";
+    if (h.identity != fmu->identity) return "it belongs to another FMU";
+    if (size != fmu_state_size(fmu)) return "it has been cut or lengthened";
+    return h.checksum == checksum(h, bytes + sizeof h, size - sizeof h) ? NULL : "it is damaged";
+}
+
+int fmu_state_restore(instance *fmu, const char *bytes)
+{
+    head h;
+    memcpy(&h, bytes, sizeof h);
+    int status = ts_restore(fmu->sim, bytes + sizeof h, ts_state_size(fmu->sim));
+    if (status != TS_OK) return status;
+    fmu->mode = h.mode;
+    fmu->stale = h.stale;
+    fmu->tolerance_set = h.tolerance_set;
+    fmu->stop_defined = h.stop_defined;
+    fmu->discarded = h.discarded;
+    fmu->start = h.start;
+    fmu->time = h.time;
+    fmu->stop = h.stop;
+    return TS_OK;
+}

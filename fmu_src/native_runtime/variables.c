@@ -1,0 +1,43 @@
+/* The variable table from its packed bytes; the layout is that of variables_bin in pack.py. */
+#include "instance.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define MAGIC "TSVARS1"
+
+/* magic[8], int32 reals, count, strings, tolerance, then low, high (doubles), settable (int32), then texts that end with 0: GUID,
+ * names of variables, names of strings. */
+int variables_read(variable_table *table, char *bytes, size_t size)
+{
+    int32_t head[4];
+    memset(table, 0, sizeof *table);
+    table->bytes = bytes;
+    if (size < 8 + sizeof head || memcmp(bytes, MAGIC, 8) || bytes[size - 1]) return 0;
+    memcpy(head, bytes + 8, sizeof head);
+    size_t count = (size_t)head[1], texts = count + (size_t)head[2], at = 8 + sizeof head;
+    if (head[0] < 0 || head[1] < head[0] || head[2] < 0 || head[3] < 0 || head[3] >= head[0] || (size - at) / 20 < count) return 0;
+    table->reals = head[0];
+    table->count = head[1];
+    table->strings = head[2];
+    table->tolerance = head[3];
+    table->low = (const double *)(bytes + at);
+    table->high = table->low + count;
+    table->settable = (const int32_t *)(table->high + count);
+    table->name = malloc(sizeof *table->name * (texts + 1));
+    if (!table->name) return 0;
+    const char *text = (const char *)(table->settable + count), *end = bytes + size;
+    for (size_t i = 0; i <= texts; i++) {
+        if (text >= end) return 0;
+        if (i == 0) table->guid = text;
+        else table->name[i - 1] = text;
+        text += strlen(text) + 1;
+    }
+    return text == end;
+}
+
+void variables_free(variable_table *table)
+{
+    free(table->name);
+    free(table->bytes);
+}
