@@ -87,6 +87,7 @@ def native_fmu_files(model: Model, naming: str, libraries: dict[str, Path]) -> d
     runtime = Runtime(
         "native",
         f"tensegrity {tensegrity_core.__version__}",
+        {"canInterpolateInputs": True, "maxOutputDerivativeOrder": 1},
         categories={**LOG_CATEGORIES, **SOLVER_CATEGORY},
     )
     guid = complete(files, model, table, runtime, naming)

@@ -31,6 +31,9 @@ _PROTOTYPES = {
     "ts_counts": (None, c_void_p, POINTER(c_int32)),
     "ts_values": (POINTER(c_double), c_void_p),
     "ts_integers": (POINTER(c_int32), c_void_p),
+    "ts_slopes": (POINTER(c_double), c_void_p),
+    "ts_input_count": (c_int32, c_void_p),
+    "ts_output_derivatives": (c_int, c_void_p, POINTER(c_double)),
     "ts_time": (c_double, c_void_p),
     "ts_message": (c_char_p, c_void_p),
     "ts_status_name": (c_char_p, c_int),
@@ -92,6 +95,8 @@ class Kernel:
 
     values: (n_real,) float64 view of inputs, parameters and outputs in the order of fields.FIELDS; integers: (n_int,)
     int32 view in the order of INTEGER_FIELDS; layout, integer_layout: name -> slice; counts: letter -> count.
+    slopes: (2, inputs) view of the inputs' first and second derivatives by time, zero unless written: over a step an input is its
+    value + slope t + bend t^2/2.
     Parameters written before `initialize` take effect there, inputs and tunables written between steps at the next step.
     A call that raises leaves the simulation as it was.
     """
@@ -112,6 +117,8 @@ class Kernel:
         n_real, n_int = self.layout[FIELDS[-1].name].stop, self.integer_layout[INTEGER_FIELDS[-1].name].stop
         self.values = self._handle.view(self._library.ts_values(self._sim), c_double, n_real)
         self.integers = self._handle.view(self._library.ts_integers(self._sim), c_int32, n_int)
+        inputs = self._library.ts_input_count(self._sim)
+        self.slopes = self._handle.view(self._library.ts_slopes(self._sim), c_double, 2 * inputs).reshape(2, inputs)
         self.state_size = self._library.ts_state_size(self._sim)
 
     @property
@@ -123,6 +130,19 @@ class Kernel:
     def memory_size(self) -> int:
         """Bytes that the simulation occupies, without its force curves."""
         return self._library.ts_memory_size(self._sim)
+
+    def output_derivatives(self) -> dict[str, np.ndarray]:
+        """First derivatives by time of all real outputs at the end of the last step: field -> (count,), unit/s.
+
+        Positions and velocities are exact, the others central differences along the motion (about 1e-6 relative).
+        """
+        first = next(self.layout[field.name].start for field in FIELDS if field.role == "output")
+        out = np.empty(len(self.values) - first)
+        status = self._library.ts_output_derivatives(self._sim, _pointer(out))
+        if status:
+            self._raise(status)
+        outputs = [field.name for field in FIELDS if field.role == "output"]
+        return {name: out[self.layout[name].start - first : self.layout[name].stop - first] for name in outputs}
 
     def __getitem__(self, name: str) -> np.ndarray:
         """View of a field: (count,) values; outputs of the present state, inputs and parameters to write to."""

@@ -64,7 +64,7 @@ static int refresh(instance *fmu, const char *what)
         fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: no start can be computed: %s", what, ts_message(fmu->sim));
         return 0;
     }
-    fmu->stale = 0;
+    fmu->stale = fmu->derivatives_ready = 0;
     return 1;
 }
 
@@ -98,7 +98,7 @@ FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size
 static void to_instantiated(instance *fmu)
 {
     fmu->mode = FMU_INSTANTIATED;
-    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->discarded = 0;
+    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->discarded = fmu->derivatives_ready = 0;
     fmu->start = fmu->time = fmu->stop = 0.0;
 }
 
@@ -126,6 +126,7 @@ static void release(instance *fmu)
     if (!fmu) return;
     ts_free(fmu->sim);
     variables_free(&fmu->table);
+    free(fmu->derivatives);
     free(fmu->name);
     free(fmu);
 }
@@ -157,6 +158,12 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     else fmu->sim = load(fmu, location, guid, why, sizeof why);
     if (!fmu->sim) {
         if (fmu->name) fmu_log(fmu, LOG_ERROR, fmi2Error, "%s: %s", __func__, why);
+        release(fmu);
+        return NULL;
+    }
+    fmu->first_output = ts_output_first(fmu->sim);
+    fmu->derivatives = malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
+    if (!fmu->derivatives) {
         release(fmu);
         return NULL;
     }
@@ -410,7 +417,7 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, f
     (void)no_set_state_prior;
     if (wrong_step(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
     if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point);
-    fmu->discarded = 0;
+    fmu->discarded = fmu->derivatives_ready = 0;
     fmu->time = point + h;
     if (fmu->log[LOG_EVENTS] && ts_transition_count(fmu->sim)) log_events(fmu);
     return fmi2OK;
@@ -470,20 +477,44 @@ FMI2_Export fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind
 
 /* ---------------------------------------------------------------------------------------------------------- derivatives */
 
-FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
-                                                   const fmi2Real value[])
+/* Derivatives hold until they are set again, like the inputs themselves. */
+FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                                   const fmi2Integer order[], const fmi2Real value[])
 {
-    (void)vr, (void)n, (void)order, (void)value;
+    char text[32];
     REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
-    return error(fmu, __func__, "input derivatives are not supported");
+    if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
+    int32_t inputs = ts_input_count(fmu->sim);
+    double *slopes = ts_slopes(fmu->sim);
+    size_t bad = stray(vr, n, 0, inputs);
+    if (bad < n) return no_such(fmu, __func__, vr[bad], "input");
+    for (size_t i = 0; i < n; i++) {
+        if (order[i] != 1 && order[i] != 2) return error(fmu, __func__, "only derivatives of order 1 and 2 are used");
+        if (isfinite(value[i])) continue;
+        fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: derivative %d of %s = %s refused: it must be finite", __func__, order[i],
+                fmu->table.name[vr[i]], fmu_number(value[i], text));
+        return fmi2Discard;
+    }
+    for (size_t i = 0; i < n; i++) slopes[(order[i] - 1) * inputs + (int32_t)vr[i]] = value[i];
+    fmu->stale |= fmu->mode == FMU_INITIALIZATION;
+    return fmi2OK;
 }
 
-FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
-                                                    fmi2Real value[])
+FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                                    const fmi2Integer order[], fmi2Real value[])
 {
-    (void)vr, (void)n, (void)order, (void)value;
     REQUIRE(c, AFTER_START);
-    return error(fmu, __func__, "output derivatives are not supported");
+    if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
+    size_t bad = stray(vr, n, fmu->first_output, fmu->table.reals);
+    if (bad < n) return no_such(fmu, __func__, vr[bad], "Real output");
+    for (size_t i = 0; i < n; i++)
+        if (order[i] != 1) return error(fmu, __func__, "only derivatives of order 1 are given");
+    if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
+    if (!fmu->derivatives_ready && ts_output_derivatives(fmu->sim, fmu->derivatives) != TS_OK)
+        return error(fmu, __func__, ts_message(fmu->sim));
+    fmu->derivatives_ready = 1;
+    for (size_t i = 0; i < n; i++) value[i] = fmu->derivatives[vr[i] - (uint32_t)fmu->first_output];
+    return fmi2OK;
 }
 
 FMI2_Export fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
@@ -512,6 +543,7 @@ FMI2_Export fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
     REQUIRE_POINTER(state);
     const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
     if (why) return error(fmu, __func__, why);
+    fmu->derivatives_ready = 0;
     return fmu_state_restore(fmu, state) == TS_OK ? fmi2OK : error(fmu, __func__, ts_message(fmu->sim));
 }
 

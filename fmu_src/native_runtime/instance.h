@@ -40,6 +40,9 @@ typedef struct {
     ts_sim *sim;
     double *values;     /* (reals) the kernel's */
     int32_t *integers;  /* (count - reals) the kernel's */
+    int32_t first_output;
+    double *derivatives; /* (reals - first_output) of the outputs at the end of the last step, once asked for; owned */
+    int32_t derivatives_ready;
     int log[LOG_CATEGORIES];
     uint64_t identity;  /* of the FMU, from its GUID: saved states are bound to it */
 

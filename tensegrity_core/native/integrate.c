@@ -64,13 +64,13 @@ static void integrate_ledger(ts_sim *sim, const ts_method *method, const ts_span
     }
 }
 
-/* What the ledger gets from differences instead of integrals: the work of the external forces, constant over the step, and
+/* What the ledger gets from differences instead of integrals: the work of external forces that are constant over the step, and
  * the energy of clipped strings, whose dampers take all that their springs give. */
 static void settle_ledger(ts_sim *sim, const ts_span *span, double theta)
 {
     int nq = sim->m.nq;
     double *ledger = sim->y + 2 * nq, clipped = span->clipped;
-    for (int i = 0; i < nq; i++) {
+    for (int i = 0; i < nq && !sim->forces_move; i++) {
         double work = sim->Qf[i] * (sim->y[i] - sim->cont[i]);
         ledger[1] += work;
         ledger[2] += fabs(work);

@@ -104,8 +104,9 @@ typedef struct {
     ts_span span;
     double joined;   /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
     double err_last; /* of the last accepted step, in units of the tolerance */
+    double last_step; /* s, of the last call: the outputs are those at its end */
     int32_t rejected; /* attempts in a row that were */
-    int32_t spare;
+    int32_t sloped;   /* some input had a derivative then */
     int32_t active;   /* method in use */
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
     int32_t patience; /* how many of them make `auto` leave the explicit method */
@@ -126,11 +127,13 @@ struct ts_sim {
     ts_memory memory;
     double *values;  /* (n_real) */
     double *applied; /* (n_applied) inputs and parameters as the last step saw them */
+    double *slopes;  /* (2, n_inputs) first and second derivatives of the inputs, see ts_slopes() */
+    double *applied_slopes; /* (2, n_inputs) as the last step saw them */
     double *y;       /* (ny) */
     int32_t *integers; /* (n_int) */
     int32_t *piece;  /* (S) */
     int32_t *clipped; /* (S) tension_only: the damper outweighs the spring, no tension */
-    int32_t n_applied;
+    int32_t n_applied, n_inputs;
 
     /* of the present step */
     double *Qf;   /* (nq) generalised external force, N */
@@ -138,9 +141,13 @@ struct ts_sim {
     double *inv;  /* (blocks) inverse inertia, 1/kg */
     double *lo, *hi; /* (S) ends of the present piece, m */
     double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
-    double *rest, *rest_rate; /* (lanes) m, m/s */
+    double *rest, *rest_rate, *rest_bend; /* (lanes) m, m/s, m/s2, at the step's start */
+    double *rest_now, *rest_rate_now;     /* (lanes) at the evaluation at hand, where rest lengths bend */
+    double *Qf_rate, *Qf_bend;            /* (nq) first and second derivative of Qf, N/s, N/s2 */
     double *k_on, *d_on; /* (lanes) N/m, N s/m on the present piece; k_on: of straight force curves */
-    int32_t rest_moves;  /* some rest_rate is not zero */
+    int32_t rest_moves;  /* some rest_rate or rest_bend is not zero */
+    int32_t rest_bends;  /* some rest_bend is not zero */
+    int32_t forces_move; /* some force has a derivative */
     int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
 
     /* of the last right-hand side: what it found about the strings */
@@ -168,7 +175,7 @@ struct ts_sim {
     double *factor;              /* of a^2 I - a Jv - Jq */
     double *pair_factor[2];      /* of the same with the two complex values of a that Radau IIA needs */
     double *ft, *lin;            /* (nq), (6 nq) */
-    double *backup;       /* (n_real + n_applied + ny), see simulation.c */
+    double *backup;       /* (n_real + n_applied + 2 n_inputs + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
     int32_t force_jumps;    /* the last transition made the force of a damper jump */
@@ -234,6 +241,8 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q);
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]);
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int string, double *gap, double *rate);
 double ts_tension(const ts_sim *sim, int string, double gap, double rate, double *elastic);
+double ts_rest_length(const ts_sim *sim, int string, double tau);
+int ts_sloped(const ts_sim *sim);
 void ts_project(const ts_sim *sim, double *y);
 void ts_project_block(const ts_sim *sim, double *y, int block);
 void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n, double *n2);
@@ -258,6 +267,7 @@ void ts_catch_up(ts_sim *sim, double tau);
 
 /* outputs.c */
 void ts_outputs(ts_sim *sim, double tau);
+void ts_tangent_outputs(ts_sim *sim, double tau, double *out);
 double ts_stored_energy(const ts_sim *sim, double tau);
 double ts_clipped_energy(const ts_sim *sim, double tau);
 

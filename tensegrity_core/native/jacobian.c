@@ -10,16 +10,17 @@
 
 /* Derivatives of the string force T s/xi by s (Kq) and by s' (Kv), and its explicit time derivative (ft), from what the last
  * ts_forces() left. */
-ALWAYS_INLINE void string_stiffness(const ts_sim *sim, int i, const int exact, double *Kq, double *Kv, double *ft, const int D)
+ALWAYS_INLINE void string_stiffness(const ts_sim *sim, double tau, int i, const int exact, double *Kq, double *Kv, double *ft, const int D)
 {
     int lanes = sim->m.lanes;
     double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
     if (sim->m.beams[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
-    double density = (sim->fs[i] + sim->fd[i]) * over, rate = sim->gap_rate[i] + sim->rest_rate[i];
+    double rest_rate = sim->rest_rate[i] + sim->rest_bend[i] * tau, rate = sim->gap_rate[i] + rest_rate;
+    double density = (sim->fs[i] + sim->fd[i]) * over;
     for (int d = 0; d < D; d++) {
         u[d] = sim->s[d * lanes + i] * over;
         ud[d] = damping * over * (sim->sd[d * lanes + i] - rate * u[d]);
-        ft[d] = -slope * sim->rest_rate[i] * u[d];
+        ft[d] = -(slope * rest_rate + damping * sim->rest_bend[i]) * u[d];
     }
     if (!exact) {
         density = density > 0.0 ? density : 0.0;
@@ -32,13 +33,13 @@ ALWAYS_INLINE void string_stiffness(const ts_sim *sim, int i, const int exact, d
         }
 }
 
-ALWAYS_INLINE void add_strings(ts_sim *sim, const int exact, const int D)
+ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const int D)
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->count[TS_S]; i++) {
         if (sim->piece[i] == 0 || sim->clipped[i]) continue;
         double Kq[9], Kv[9], ft[3];
-        string_stiffness(sim, i, exact, Kq, Kv, ft, D);
+        string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
         const ts_term *t = m->term + 4 * i;
         const int32_t *place = m->term_place + 16 * i;
         for (int a = 0; a < m->term_count[i]; a++) {
@@ -116,7 +117,8 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
     memset(sim->Jq, 0, size);
     memset(sim->Jv, 0, size);
     memset(sim->ft, 0, sizeof(double) * (size_t)m->nq);
-    add_strings(sim, exact, D);
+    for (int i = 0; sim->forces_move && i < m->nq; i++) sim->ft[i] = sim->inv[i / D] * (sim->Qf_rate[i] + tau * sim->Qf_bend[i]);
+    add_strings(sim, tau, exact, D);
     for (int b = 0; b < m->blocks; b++)
         if (m->block_turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->lin + b * D, b, exact, D);
     if (!exact) turn_columns(sim, q, D);

@@ -79,17 +79,19 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
     TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->curve_key, 3 * m->count[TS_Z]);
     TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, stride);
+    TAKE(sim->slopes, 2 * sim->n_inputs), TAKE(sim->applied_slopes, 2 * sim->n_inputs);
     TAKE(sim->integers, m->n_int), TAKE(sim->piece, S), TAKE(sim->clipped, S);
-    TAKE(sim->Qf, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
+    TAKE(sim->Qf, nq), TAKE(sim->Qf_rate, nq), TAKE(sim->Qf_bend, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
     TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->sign_changed, S);
-    TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
+    TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->rest_bend, lanes);
+    TAKE(sim->rest_now, lanes), TAKE(sim->rest_rate_now, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
     TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * D * lanes), TAKE(sim->over, lanes);
     TAKE(sim->gap, lanes), TAKE(sim->gap_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);
     TAKE(sim->gap_low, lanes), TAKE(sim->gap_high, lanes), TAKE(sim->node_force, N * D);
     TAKE(sim->gap0, lanes), TAKE(sim->rate0, lanes), TAKE(sim->f0, stride), TAKE(sim->ytmp, stride), TAKE(sim->err, stride);
     TAKE(sim->k, 16 * stride), TAKE(sim->ahead, sim->ahead_size), TAKE(sim->ahead_backup, sim->ahead_size);
     TAKE(sim->ft, nq), TAKE(sim->lin, 6 * nq);
-    TAKE(sim->backup, m->n_real + sim->n_applied + ny), TAKE(sim->backup_ints, m->n_int + 2 * S);
+    TAKE(sim->backup, m->n_real + sim->n_applied + 2 * sim->n_inputs + ny), TAKE(sim->backup_ints, m->n_int + 2 * S);
     TAKE(sim->transitions, TS_MAX_TRANSITIONS);
 }
 
@@ -246,6 +248,7 @@ static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
     if (m->z_axis >= m->count[TS_D]) return "no such axis";
     lay_out(m);
     sim->n_applied = m->at[TS_POSITION];
+    sim->n_inputs = m->at[TS_STIFFNESS];
     size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
     if (size != 8 + 4 * int_count(m->count) + 8 * doubles + 8) return "the length is wrong";
     return NULL;

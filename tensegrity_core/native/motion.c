@@ -7,29 +7,66 @@
  * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
  *
- * The state is y = [q, q', dissipated, input work, throughput].  External forces are constant over a step, so their work is
- * a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
+ * The state is y = [q, q', dissipated, input work, throughput].  External forces are mostly constant over a step; their work is
+ * then a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
  * planar scene is computed in the plane.  What concerns all strings alike is worked out for two of them at a time. */
 #include "kinematics.h"
 
 #include <math.h>
 #include <string.h>
 
-/* External and gravity forces on the blocks and their inverse inertias: constant over a step. */
-void ts_prepare(ts_sim *sim)
+/* Generalised force of forces on the free nodes (F, D). */
+static void generalise(const ts_model *m, const double *force, double *Q)
 {
-    const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    const double *force = sim->values + m->at[TS_FORCE], *mass = sim->values + m->at[TS_BAR_MASS];
-    double g = sim->values[m->at[TS_GRAVITY]];
-    memset(sim->Qf, 0, sizeof(double) * (size_t)m->nq);
+    memset(Q, 0, sizeof(double) * (size_t)m->nq);
     for (int n = 0; n < m->count[TS_N]; n++) {
         int f = m->free_index[n];
         if (f < 0) continue;
         for (int d = 0; d < D; d++) {
-            if (m->node_centre[n] >= 0) sim->Qf[m->node_centre[n] * D + d] += force[f * D + d];
-            sim->Qf[m->node_block[n] * D + d] += m->node_coef[n] * force[f * D + d];
+            if (m->node_centre[n] >= 0) Q[m->node_centre[n] * D + d] += force[f * D + d];
+            Q[m->node_block[n] * D + d] += m->node_coef[n] * force[f * D + d];
         }
+    }
+}
+
+static int any(const double *x, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (x[i] != 0.0) return 1;
+    return 0;
+}
+
+/* Does an input have a derivative beyond the rate of a rest length? */
+int ts_sloped(const ts_sim *sim) { return any(sim->slopes, 2 * sim->n_inputs); }
+
+static void prepare_rest_lengths(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE];
+    const double *first = sim->slopes, *second = first + sim->n_inputs;
+    sim->rest_moves = sim->rest_bends = 0;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        sim->rest[i] = sim->values[length + i];
+        sim->rest_rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->values[rate + i];
+        sim->rest_bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
+        sim->rest_bends |= sim->rest_bend[i] != 0.0;
+        sim->rest_moves |= sim->rest_bends || sim->rest_rate[i] != 0.0;
+    }
+}
+
+/* External and gravity forces on the blocks and their inverse inertias at the step's start, and how inputs change. */
+void ts_prepare(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D], force = m->at[TS_FORCE], count = m->count[TS_F] * D;
+    const double *mass = sim->values + m->at[TS_BAR_MASS];
+    double g = sim->values[m->at[TS_GRAVITY]];
+    generalise(m, sim->values + force, sim->Qf);
+    sim->forces_move = any(sim->slopes + force, count) || any(sim->slopes + sim->n_inputs + force, count);
+    if (sim->forces_move) {
+        generalise(m, sim->slopes + force, sim->Qf_rate);
+        generalise(m, sim->slopes + sim->n_inputs + force, sim->Qf_bend);
     }
     memcpy(sim->Qg, sim->Qf, sizeof(double) * (size_t)m->nq);
     for (int i = 0; i < m->count[TS_B]; i++) {
@@ -38,12 +75,13 @@ void ts_prepare(ts_sim *sim)
         if (!pinned) sim->inv[m->bar_centre[i]] = 1.0 / mass[i];
         sim->inv[m->bar_block[i]] = (pinned ? 3.0 : 12.0) / mass[i];
     }
-    sim->rest_moves = 0;
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        sim->rest[i] = sim->values[m->at[TS_REST_LENGTH] + i];
-        sim->rest_rate[i] = sim->values[m->at[TS_REST_LENGTH_RATE] + i];
-        sim->rest_moves |= sim->rest_rate[i] != 0.0;
-    }
+    prepare_rest_lengths(sim);
+}
+
+/* Rest length of a string at tau from the step's start (m). */
+double ts_rest_length(const ts_sim *sim, int i, double tau)
+{
+    return sim->rest[i] + (sim->rest_rate[i] + 0.5 * sim->rest_bend[i] * tau) * tau;
 }
 
 /* What a string bears on its piece: coefficients of its tension, zero where it bears nothing. */
@@ -109,7 +147,7 @@ ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1,
 
 /* String vectors, elongations, rates, and the tensions where force curves are straight, for two strings at a time: numbers
  * stay in registers until they are complete, which the processor would otherwise wait for. */
-ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const int D)
+ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const double *rest, const double *rest_rates, const int D)
 {
     const int lanes = sim->m.lanes;
     const int32_t *ends = sim->m.ends;
@@ -125,9 +163,9 @@ ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const int D
             ss = d ? ss + s[d] * s[d] : s[d] * s[d];
             sv = d ? sv + s[d] * sd : s[d] * sd;
         }
-        pair xi = {sqrt(ss[0]), sqrt(ss[1])}, rest_rate = get(sim->rest_rate + i);
+        pair xi = {sqrt(ss[0]), sqrt(ss[1])}, rest_rate = get(rest_rates + i);
         pair over = 1.0 / larger(xi, least), rate = sv * over - rest_rate;
-        pair gap = xi - (get(sim->rest + i) + rest_rate * tau), low = get(sim->gap_low + i), high = get(sim->gap_high + i);
+        pair gap = xi - (get(rest + i) + rest_rate * tau), low = get(sim->gap_low + i), high = get(sim->gap_high + i);
         put(sim->over + i, over);
         put(sim->gap + i, gap);
         put(sim->gap_rate + i, rate);
@@ -173,12 +211,26 @@ static void place_by_elongation(ts_sim *sim)
     }
 }
 
+/* Rest lengths and their rates at tau. */
+static void bend_rest_lengths(ts_sim *sim, double tau)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        sim->rest_now[i] = ts_rest_length(sim, i, tau);
+        sim->rest_rate_now[i] = sim->rest_rate[i] + sim->rest_bend[i] * tau;
+    }
+}
+
 /* Kinematics and tensions of all strings: s, s', 1/xi, elongation, rate, f_s, f_d. */
 ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int D)
 {
     const ts_model *m = &sim->m;
     spread(m, q, v, sim->x, D);
-    stretch(sim, tau, sim->x, D);
+    if (sim->rest_bends) {
+        bend_rest_lengths(sim, tau);
+        stretch(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
+    } else {
+        stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
+    }
     if (sim->unlocated) place_by_elongation(sim);
     if (m->count[TS_H]) snap_curves(sim);
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
@@ -202,11 +254,22 @@ ALWAYS_INLINE void pull(const ts_sim *sim, double *restrict force, const int D)
     }
 }
 
-/* Rates of the ledger's integrals (W): dampers, and rest lengths that move. */
-ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double *p)
+/* Power of external forces that move; that of constant ones is a difference, see integrate.c. */
+static void external_power(const ts_sim *sim, double tau, const double *v, double *p)
+{
+    for (int i = 0; i < sim->m.nq; i++) {
+        double power = (sim->Qf[i] + (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau) * v[i];
+        p[1] += power;
+        p[2] += fabs(power);
+    }
+}
+
+/* Rates of the ledger's integrals (W): dampers, rest lengths that move, external forces that move. */
+ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p)
 {
     double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
-    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate, *rest_rate = sim->rest_rate;
+    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate;
+    const double *rest_rate = sim->rest_bends ? sim->rest_rate_now : sim->rest_rate;
     for (int i = 0; i < sim->m.lanes; i += TS_LANES)
         for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
     if (sim->rest_moves)
@@ -219,10 +282,16 @@ ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double *p)
     p[0] = (lost[0] + lost[1]) + (lost[2] + lost[3]);
     p[1] = (done[0] + done[1]) + (done[2] + done[3]);
     p[2] = p[0] + ((moved[0] + moved[1]) + (moved[2] + moved[3]));
+    if (sim->forces_move) external_power(sim, tau, v, p);
+}
+
+static void move_forces(const ts_sim *sim, double tau, double *Q)
+{
+    for (int i = 0; i < sim->m.nq; i++) Q[i] += (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau;
 }
 
 /* Generalised forces on the blocks. */
-ALWAYS_INLINE void gather(const ts_sim *sim, const double *force, double *Q, const int D)
+ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int D)
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->pinned_count; i++) {
@@ -238,6 +307,7 @@ ALWAYS_INLINE void gather(const ts_sim *sim, const double *force, double *Q, con
             Qb[d] = Qg[D + d] + 0.5 * (f2[d] - f1[d]);
         }
     }
+    if (sim->forces_move) move_forces(sim, tau, Q);
 }
 
 /* Accelerations of a bar vector c from its generalised force, in place. */
@@ -255,8 +325,8 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     double *a = dy + nq;
     strings(sim, tau, q, v, D);
     pull(sim, sim->node_force, D);
-    ledger_rates(sim, dy + 2 * nq);
-    gather(sim, sim->node_force, a, D);
+    ledger_rates(sim, tau, v, dy + 2 * nq);
+    gather(sim, tau, sim->node_force, a, D);
     for (int i = 0; i < nq; i++) dy[i] = v[i];
     for (int i = 0; i < m->pinned_count; i++) {
         int b = m->pinned[i].block;
@@ -278,7 +348,7 @@ void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
     strings(sim, tau, y, y + sim->m.nq, D);
-    ledger_rates(sim, p);
+    ledger_rates(sim, tau, y + sim->m.nq, p);
 }
 
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]) { DISPATCH(sim, power, sim, tau, y, p); }
@@ -288,7 +358,7 @@ ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, c
 {
     strings(sim, tau, y, y + sim->m.nq, D);
     pull(sim, sim->node_force, D);
-    gather(sim, sim->node_force, Q, D);
+    gather(sim, tau, sim->node_force, Q, D);
 }
 
 void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(sim, forces, sim, tau, y, Q); }
@@ -296,10 +366,10 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(s
 ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int D)
 {
     const ts_model *m = &sim->m;
-    double s[3], sd[3], xd = sim->rest_rate[i];
+    double s[3], sd[3], xd = sim->rest_rate[i] + sim->rest_bend[i] * tau;
     string_vector(m, y, y + m->nq, i, s, sd, D);
     double xi = sqrt(dot(s, s, D));
-    *gap = xi - (sim->rest[i] + xd * tau);
+    *gap = xi - ts_rest_length(sim, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
 }
 

@@ -84,13 +84,12 @@ static void forces(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    const double *rest = sim->values + m->at[TS_REST_LENGTH], *xd = sim->values + m->at[TS_REST_LENGTH_RATE];
     const double *x = sim->values + m->at[TS_POSITION], *mass = sim->values + m->at[TS_BAR_MASS];
     memset(sim->node_force, 0, sizeof(double) * (size_t)(m->count[TS_N] * D));
     for (int i = 0; i < m->count[TS_S]; i++) {
         double gap, rate, fs, xi;
         ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        xi = gap + (rest[i] + xd[i] * tau);
+        xi = gap + ts_rest_length(sim, i, tau);
         double T = ts_tension(sim, i, gap, rate, &fs), density = xi > 0.0 ? T / xi : 0.0;
         sim->values[m->at[TS_STRING_FORCE] + i] = T;
         sim->values[m->at[TS_ELASTIC_FORCE] + i] = fs;
@@ -102,8 +101,10 @@ static void forces(ts_sim *sim, double tau)
         }
     }
     for (int n = 0; n < m->count[TS_N]; n++)
-        for (int d = 0; d < D && m->free_index[n] >= 0; d++)
-            sim->node_force[n * D + d] += sim->values[m->at[TS_FORCE] + m->free_index[n] * D + d];
+        for (int d = 0; d < D && m->free_index[n] >= 0; d++) {
+            int i = m->at[TS_FORCE] + m->free_index[n] * D + d;
+            sim->node_force[n * D + d] += sim->values[i] + (sim->slopes[i] + 0.5 * sim->slopes[sim->n_inputs + i] * tau) * tau;
+        }
     for (int i = 0; m->z_axis >= 0 && i < m->count[TS_B]; i++)
         for (int end = 0; end < 2; end++)
             sim->node_force[m->bars[2 * i + end] * D + m->z_axis] -= 0.5 * mass[i] * sim->values[m->at[TS_GRAVITY]];
@@ -159,4 +160,46 @@ void ts_outputs(ts_sim *sim, double tau)
     out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];
     for (int i = 0, n = 0; i < m->count[TS_S]; i++)
         if (m->beams[i]) sim->integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->curve[i].snapped[sim->piece[i]];
+}
+
+/* Derivatives of positions and velocities, from f = [q', q'']. */
+static void node_rates(const ts_sim *sim, const double *f, double *out)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D], position = m->at[TS_POSITION] - sim->n_applied, velocity = m->at[TS_VELOCITY] - sim->n_applied;
+    for (int n = 0; n < m->count[TS_N]; n++)
+        for (int d = 0; d < D; d++) {
+            double v = 0.0, a = 0.0;
+            int b = m->node_block[n] * D + d, r = m->node_centre[n] * D + d, free = m->free_index[n];
+            if (m->node_centre[n] >= 0) v += f[r], a += f[m->nq + r];
+            if (m->node_block[n] >= 0) v += m->node_coef[n] * f[b], a += m->node_coef[n] * f[m->nq + b];
+            out[position + n * D + d] = v;
+            if (free >= 0) out[velocity + free * D + d] = a;
+        }
+}
+
+/* Outputs at y + shift f, that is on the tangent of the motion, into sim->values. */
+static void outputs_beside(ts_sim *sim, double tau, const double *y, const double *f, double shift)
+{
+    for (int i = 0; i < sim->m.ny; i++) sim->y[i] = y[i] + shift * f[i];
+    ts_rhs(sim, tau + shift, sim->y, sim->f0);
+    ts_outputs(sim, tau + shift);
+}
+
+/* First derivatives of all real outputs at tau: central differences along the tangent, the strings staying on their pieces;
+ * positions and velocities are exact.  The state stays as it is, the outputs do not. */
+void ts_tangent_outputs(ts_sim *sim, double tau, double *out)
+{
+    const double shift = 1e-7; /* s */
+    int first = sim->n_applied, count = sim->m.n_real - first, ny = sim->m.ny;
+    double *y = sim->k, *f = sim->k + sim->m.stride;
+    memcpy(y, sim->y, sizeof(double) * (size_t)ny);
+    ts_rhs(sim, tau, y, f);
+    outputs_beside(sim, tau, y, f, shift);
+    memcpy(out, sim->values + first, sizeof(double) * (size_t)count);
+    outputs_beside(sim, tau, y, f, -shift);
+    for (int i = 0; i < count; i++) out[i] = (out[i] - sim->values[first + i]) / (2.0 * shift);
+    memcpy(sim->y, y, sizeof(double) * (size_t)ny);
+    memcpy(sim->f0, f, sizeof(double) * (size_t)ny);
+    node_rates(sim, f, out);
 }

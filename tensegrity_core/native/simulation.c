@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STATE_MAGIC 0x3154415453534e54u /* "TNSSTAT1" */
+#define STATE_MAGIC 0x3254415453534e54u /* "TNSSTAT2" */
 
 static const char *const status_names[] = {
 #define TS_ERROR(name, text) #name,
@@ -91,6 +91,7 @@ int ts_reset(ts_sim *sim)
     memset(sim->integers, 0, sizeof(int32_t) * (size_t)m->n_int);
     memset(&sim->memory, 0, sizeof sim->memory);
     memcpy(sim->values, m->start, sizeof(double) * (size_t)sim->n_applied);
+    memset(sim->slopes, 0, 2 * sizeof(double) * (size_t)sim->n_inputs);
     sim->integers[m->int_at[TS_INT_METHOD]] = m->method_start;
     sim->transition_count = 0;
     if (ts_check(sim, &index) == TS_OK && !build_curves(sim)) { /* else ts_initialize() will say what is wrong */
@@ -111,6 +112,9 @@ void ts_free(ts_sim *sim)
 
 void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]) { memcpy(counts, sim->m.count, sizeof sim->m.count); }
 double *ts_values(ts_sim *sim) { return sim->values; }
+double *ts_slopes(ts_sim *sim) { return sim->slopes; }
+int32_t ts_input_count(const ts_sim *sim) { return sim->n_inputs; }
+int32_t ts_output_first(const ts_sim *sim) { return sim->n_applied; }
 int32_t *ts_integers(ts_sim *sim) { return sim->integers; }
 double ts_time(const ts_sim *sim) { return sim->memory.time + sim->memory.time_low; }
 const char *ts_message(const ts_sim *sim) { return sim->message; }
@@ -191,6 +195,7 @@ int ts_initialize(ts_sim *sim, double time)
     memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
     ts_project(sim, sim->y);
     memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
+    memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
     ts_prepare(sim);
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
@@ -226,6 +231,13 @@ static void undo(ts_sim *sim, const ts_memory *memory)
     if (memory->span.h > 0.0) memcpy(sim->ahead, sim->ahead_backup, sizeof(double) * sim->ahead_size);
 }
 
+/* Smallest rest length of a string within the step, m. */
+static double shortest_rest_length(const ts_sim *sim, int i, double h)
+{
+    double turn = -sim->rest_rate[i] / sim->rest_bend[i], least = fmin(sim->rest[i], ts_rest_length(sim, i, h));
+    return turn > 0.0 && turn < h ? fmin(least, ts_rest_length(sim, i, turn)) : least;
+}
+
 /* Inputs and parameters that differ from those of the last step: are they acceptable? */
 static int check_change(ts_sim *sim, double h)
 {
@@ -234,13 +246,18 @@ static int check_change(ts_sim *sim, double h)
     int status = ts_check(sim, &index);
     if (status != TS_OK) return status;
     int same = sim->integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
+    for (int i = 0; i < 2 * sim->n_inputs; i++)
+        if (!isfinite(sim->slopes[i])) {
+            say(sim, "the derivative of an input is not a finite number");
+            return TS_BAD_INPUT;
+        }
     for (int i = m->at[TS_BAR_MASS]; i < sim->n_applied; i++) same = same && sim->values[i] == sim->applied[i];
     if (!same) {
         say(sim, "a fixed parameter was changed after initialization");
         return TS_BAD_INPUT;
     }
     for (int i = 0; i < m->count[TS_S]; i++)
-        if (sim->values[m->at[TS_REST_LENGTH] + i] + h * sim->values[m->at[TS_REST_LENGTH_RATE] + i] < 0.0) {
+        if (sim->rest_moves && shortest_rest_length(sim, i, h) < 0.0) {
             say(sim, "a rest length would become negative within the step");
             return TS_BAD_INPUT;
         }
@@ -281,12 +298,13 @@ int ts_step(ts_sim *sim, double h)
         say(sim, sim->memory.started ? "the step must be positive and finite" : "initialize first");
         return TS_BAD_STEP;
     }
-    int changed = memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim) ||
+    int sloped = ts_sloped(sim);
+    int changed = sloped || sim->memory.sloped || memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim) ||
                   sim->integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
+    ts_prepare(sim);
     if (changed && (status = check_change(sim, h)) != TS_OK) return status;
     backup(sim, &memory);
     sim->transition_count = 0;
-    ts_prepare(sim);
     if (changed) take_inputs(sim);
     else set_pieces(sim);
     status = ts_integrate(sim, h, !changed);
@@ -295,13 +313,16 @@ int ts_step(ts_sim *sim, double h)
         return status;
     }
     memcpy(sim->applied, sim->values, bytes);
+    memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
     add_time(&sim->memory, h);
+    sim->memory.last_step = h;
+    sim->memory.sloped = sloped;
     if (sim->memory.span.h > 0.0) ts_rhs(sim, h, sim->y, sim->f0); /* an open step's own derivatives are elsewhere */
     ts_outputs(sim, h);
     return TS_OK;
 }
 
-/* A saved state: header, memory, values, applied, y, integers, pieces, clipping, hash. */
+/* A saved state: header, memory, values, slopes and both as applied, y, integers, pieces, clipping, hash. */
 typedef struct {
     uint64_t magic, model;
 } state_header;
@@ -318,6 +339,8 @@ static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
         size_t size;
     } parts[] = {
         {&sim->memory, sizeof sim->memory}, {sim->values, sizeof(double) * (size_t)m->n_real},
+        {sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs},
+        {sim->applied_slopes, 2 * sizeof(double) * (size_t)sim->n_inputs},
         {sim->applied, sizeof(double) * (size_t)sim->n_applied}, {sim->y, sizeof(double) * (size_t)m->ny},
         {sim->integers, sizeof(int32_t) * (size_t)m->n_int}, {sim->piece, S}, {sim->clipped, S},
         {sim->ahead, sizeof(double) * sim->ahead_size},
@@ -346,6 +369,31 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
     return TS_OK;
 }
 
+/* The inputs and parameters of the last step in place of the present ones, which the caller may have changed since. */
+static void swap_applied(ts_sim *sim)
+{
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
+    memcpy(sim->backup, sim->values, sizeof(double) * reals);
+    memcpy(sim->backup + reals, sim->slopes, sizeof(double) * slopes);
+    memcpy(sim->values, sim->applied, sizeof(double) * (size_t)sim->n_applied);
+    memcpy(sim->slopes, sim->applied_slopes, sizeof(double) * slopes);
+}
+
+/* The present ones and the outputs again. */
+static void swap_back(ts_sim *sim)
+{
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
+    memcpy(sim->values, sim->backup, sizeof(double) * reals);
+    memcpy(sim->slopes, sim->backup + reals, sizeof(double) * slopes);
+}
+
+/* What a step derives from inputs and parameters. */
+static void derive(ts_sim *sim)
+{
+    ts_prepare(sim);
+    set_pieces(sim);
+}
+
 int ts_restore(ts_sim *sim, const void *bytes, size_t size)
 {
     state_header header;
@@ -362,18 +410,25 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->transition_count = 0;
     if (!sim->memory.started) return TS_OK;
-    /* What is derived belongs to the inputs and parameters of the last step; the present values may be newer. */
-    size_t count = sizeof(double) * (size_t)sim->n_applied;
-    memcpy(sim->backup, sim->values, count);
-    memcpy(sim->values, sim->applied, count);
+    swap_applied(sim);
     int built = build_curves(sim);
-    if (built) {
-        ts_prepare(sim);
-        set_pieces(sim);
-    }
-    memcpy(sim->values, sim->backup, count);
+    if (built) derive(sim);
+    swap_back(sim);
     if (!built) say(sim, "out of memory");
     return built ? TS_OK : TS_BAD_MODEL;
+}
+
+int ts_output_derivatives(ts_sim *sim, double *out)
+{
+    if (!sim->memory.started) {
+        say(sim, "initialize first");
+        return TS_BAD_STEP;
+    }
+    swap_applied(sim);
+    derive(sim);
+    ts_tangent_outputs(sim, sim->memory.last_step, out);
+    swap_back(sim);
+    return TS_OK;
 }
 
 size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->bytes; }

@@ -49,6 +49,12 @@ TS_API void ts_free(ts_sim *sim);
 TS_API void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]);
 TS_API double *ts_values(ts_sim *sim);
 TS_API int32_t *ts_integers(ts_sim *sim);
+
+/* First and then second derivatives by time of the inputs, in the order of the block of doubles; zero unless they are set, and
+ * then kept like the inputs themselves.  Over a step an input is its value + slope t + bend t^2/2, t from the step's start.  A
+ * derivative of a rest length that is not zero takes the place of the rest length's rate or of that rate's derivative. */
+TS_API int32_t ts_input_count(const ts_sim *sim);
+TS_API double *ts_slopes(ts_sim *sim);
 TS_API double ts_time(const ts_sim *sim); /* s */
 TS_API const char *ts_message(const ts_sim *sim);
 TS_API const char *ts_status_name(int status);
@@ -65,6 +71,11 @@ TS_API int ts_initialize(ts_sim *sim, double time);
 
 /* Advance by h > 0 (s) under the present inputs and tunable parameters, and fill the outputs. */
 TS_API int ts_step(ts_sim *sim, double h);
+
+/* First derivatives by time of all real outputs at the end of the last step, on the present branches of all strings, in the
+ * order of the block of doubles.  TS_BAD_STEP before ts_initialize(). */
+TS_API int32_t ts_output_first(const ts_sim *sim); /* where the outputs begin in the block */
+TS_API int ts_output_derivatives(ts_sim *sim, double *out);
 
 /* Transitions of the last ts_step(): how many, and the first of them up to a fixed capacity. */
 TS_API int64_t ts_transition_count(const ts_sim *sim);
