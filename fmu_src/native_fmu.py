@@ -34,7 +34,7 @@ HOSTS = {
 }
 
 #: What the native FMU logs beside LOG_CATEGORIES; in the order of the enumeration in native_runtime/instance.h.
-SOLVER_CATEGORY = {"logSolver": "what the integrator did since the start, at each step"}
+SOLVER_CATEGORY = {"logSolver": "what the integrator did, at fmi2Terminate"}
 
 #: In which modes a variable may be set, as the bits of native_runtime/instance.h: instantiated 1, initialization 2, steps 4.
 SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0}

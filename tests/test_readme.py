@@ -16,6 +16,7 @@ from support import scene
 
 from fmu_src.interface import variables
 from fmu_src.model_description import LOG_CATEGORIES
+from fmu_src.native_fmu import SOLVER_CATEGORY
 from tensegrity_core.scene import scene_schema
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -35,8 +36,9 @@ PROGRAMS = {
 #: Files that a page's blocks promise to write.
 WRITTEN = {
     "README.md": (
+        "dist/native/three_bar_nsh.fmu",
         "dist/python/three_bar_nsh.fmu",
-        "dist/python/mast.fmu",
+        "dist/native/mast.fmu",
         "mast.csv",
         "mast.gif",
         "scene.schema.json",
@@ -195,4 +197,4 @@ def test_names_of_variables_in_the_readme_exist():
 def test_log_categories_are_documented():
     text = (ROOT / "docs" / "fmu.md").read_text(encoding="utf-8")
     found = re.findall(r"^\| `(log\w+)` \|", text, re.MULTILINE)
-    assert found == list(LOG_CATEGORIES)
+    assert found == [*LOG_CATEGORIES, *SOLVER_CATEGORY]
