@@ -1,4 +1,5 @@
-"""Work and memory against size: ``python benchmarks/growth.py`` writes docs/growth.json, docs/growth.md and the figure.
+"""Work and memory against size: ``python benchmarks/growth.py`` writes docs/growth.json, docs/growth.md and the figure, in
+about 2 minutes.
 
 Towers of n stages (3 n bars) stand still and are pushed at the top: 45 N down on each of the last three nodes, 20 N aside
 on the first of them, for 0.1 s, which no wave needs to run down a tall tower.  A light prestress lets strings go slack (there
@@ -11,14 +12,14 @@ are transitions), a high one keeps all of them taut.  For the explicit method an
   and solves of a step together;
 * memory: what the simulation occupies, as the kernel counts it.
 
-Runs are interleaved, in rounds; a time is the median of all runs.  Exponents are fitted from FIT_FROM stages on.
+Runs are interleaved, in rounds; a time is the least processor time of all runs.  Exponents are fitted from FIT_FROM stages
+on, and between the largest tower and the largest of at most half its size.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import statistics
 import sys
 import time
 from dataclasses import dataclass, field
@@ -30,6 +31,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import machine  # noqa: E402
+import problems  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+from stability.common import new_figure, save, style, table, wrapped  # noqa: E402
 
 from tensegrity_core.kernel import Kernel  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
@@ -55,14 +59,6 @@ def model_of(stages: int, tension: float) -> Model:
     return build_model(tower(stages) if stages == 1 else tower(stages, gravity=0.0, tension=tension))
 
 
-def push(model: Model) -> np.ndarray:
-    """The kernel's input `force`, N."""
-    force = np.zeros((len(model.nodes), 3))
-    force[-3:, 2] = DOWN
-    force[-3, 0] = ASIDE
-    return force[np.ix_(model.free_nodes, model.axes)].ravel()
-
-
 @dataclass
 class Case:
     """A pushed tower in one kernel, and the seconds that its runs took."""
@@ -73,7 +69,8 @@ class Case:
 
     @classmethod
     def make(cls, model: Model, method: str) -> Case:
-        return cls(Kernel(model, method=method, tolerance=TOLERANCE), push(model))
+        force = problems.kernel_force(model, problems.push(model, DOWN, ASIDE))
+        return cls(Kernel(model, method=method, tolerance=TOLERANCE), force)
 
     def run(self) -> None:
         """One run; short ones again and again, for ROUND seconds."""
@@ -81,15 +78,15 @@ class Case:
         while spent < ROUND:
             self.kernel["force"][:] = self.force
             self.kernel.initialize()
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(INSTANTS):
                 self.kernel.step(DURATION / INSTANTS)
-            self.seconds.append(time.perf_counter() - start)
+            self.seconds.append(time.process_time() - start)
             spent += self.seconds[-1]
 
     @property
     def time(self) -> float:
-        return statistics.median(self.seconds)
+        return min(self.seconds)
 
 
 def measure(stages: tuple[int, ...], rounds: int) -> list[dict]:
@@ -134,12 +131,15 @@ def row(stages: int, method: str, taut: Case, slack: Case, rhs: float) -> dict:
 
 def collect(stages: tuple[int, ...], rounds: int) -> dict:
     """All measurements and what they say, with machine and conditions: growth.json."""
+    began, where = time.perf_counter(), machine.describe()
     rows = measure(stages, rounds)
     return {
-        "machine": machine.describe(),
+        "machine": where,
         "push": {"down": -DOWN, "aside": ASIDE, "duration": DURATION, "tension": [LIGHT, HIGH], "tolerance": TOLERANCE},
         "exponents": exponents(rows),
         "fitted_from_stages": FIT_FROM,
+        "limit": LIMIT,
+        "seconds": round(time.perf_counter() - began),
         "rows": rows,
     }
 
@@ -153,21 +153,34 @@ def series(rows: list[dict], method: str, quantity: str) -> tuple[np.ndarray, np
     return tuple(np.array(points, dtype=float).reshape(-1, 2).T)
 
 
-def exponent(rows: list[dict], method: str, quantity: str) -> float | None:
+def exponent(n: np.ndarray, value: np.ndarray) -> float | None:
     """p of value ~ n^p by least squares in the logarithms, from FIT_FROM stages on; None with fewer than two points."""
-    n, value = series(rows, method, quantity)
     fitted = n >= FIT_FROM
     if fitted.sum() < 2:
         return None
     return float(np.polyfit(np.log(n[fitted]), np.log(value[fitted]), 1)[0])
 
 
-def exponents(rows: list[dict]) -> dict[str, dict[str, float | None]]:
-    """By method and quantity."""
+def last_exponent(n: np.ndarray, value: np.ndarray) -> float | None:
+    """p between the largest tower and the largest of at most half its size; None where there is none."""
+    smaller = np.flatnonzero(n <= 0.5 * n[-1]) if len(n) else []
+    if not len(smaller):
+        return None
+    i = smaller[-1]
+    return float(np.log(value[-1] / value[i]) / np.log(n[-1] / n[i]))
+
+
+def exponents(rows: list[dict]) -> dict[str, dict[str, dict[str, float | None]]]:
+    """By method and quantity: of the fit, and at the end."""
     wanted = {method: ["step", "transition", "memory", "rhs"] for method in METHODS}
     for method in IMPLICIT:
         wanted[method].append("algebra")
-    return {method: {name: exponent(rows, method, name) for name in names} for method, names in wanted.items()}
+    found: dict = {method: {} for method in METHODS}
+    for method, names in wanted.items():
+        for name in names:
+            points = series(rows, method, name)
+            found[method][name] = {"fit": exponent(*points), "last": last_exponent(*points)}
+    return found
 
 
 # --- showing -----------------------------------------------------------------------------------------------------
@@ -175,13 +188,12 @@ def exponents(rows: list[dict]) -> dict[str, dict[str, float | None]]:
 
 def draw(result: dict, path: Path) -> None:
     """Four charts over the number of bars, each with n^1 and n^1.2 through the first fitted point."""
-    from matplotlib import rcParams
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with style():
+        save(figure_of(result), path)
 
-    rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "growth", "font.size": 9})
-    figure = Figure(figsize=(9.0, 6.6), layout="constrained")
-    FigureCanvasAgg(figure)
+
+def figure_of(result: dict) -> Figure:
+    figure = new_figure(9.0, 6.6)
     rows, found = result["rows"], result["exponents"]
     charts = [[("step", method, label) for method, label in METHODS.items()]]
     charts.append([("transition", method, label) for method, label in METHODS.items()])
@@ -193,16 +205,14 @@ def draw(result: dict, path: Path) -> None:
     for axes, curves, (title, scale, unit) in zip(figure.subplots(2, 2).flat, charts, titles):
         for quantity, method, label in curves:
             colour, marker = MARKS[method]
-            curve(axes, *series(rows, method, quantity), scale, found[method][quantity], label, colour, marker)
+            curve(axes, *series(rows, method, quantity), scale, found[method][quantity]["fit"], label, colour, marker)
         axes.set(xscale="log", yscale="log", xlabel="bars", ylabel=unit, title=title)
         axes.minorticks_off()
         axes.grid(color="#dddddd", linewidth=0.6)
         if axes.lines:
             axes.legend(frameon=False, fontsize=8, loc="upper left")
             axes.set_ylim(top=30.0 * axes.get_ylim()[1])  # room for the legend
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path.with_suffix(".png"), dpi=110, metadata={"Software": None})
-    figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
+    return figure
 
 
 def curve(axes, n, value, scale, power, label, colour, marker) -> None:
@@ -219,41 +229,77 @@ def curve(axes, n, value, scale, power, label, colour, marker) -> None:
         axes.plot(3 * n[start:], line, style, color="#777777", linewidth=1.0, zorder=1, label="_" if known else named)
 
 
+def listed(texts: list[str]) -> str:
+    """'a, b and c'."""
+    return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)
+
+
+def short(method: str) -> str:
+    return METHODS[method].split("(")[1].rstrip(")")
+
+
+def exponent_rows(found: dict) -> str:
+    """Fitted, and at the end."""
+    names = {"step": "accepted step", "transition": "transition", "rhs": "right-hand side", "algebra": "linear algebra",
+             "memory": "memory"}  # fmt: skip
+    body = []
+    for quantity, label in names.items():
+        cells = [found[method].get(quantity) for method in METHODS]
+        shown = ["–" if c is None or c["fit"] is None else f"{c['fit']:.2f}; {_or_dash(c['last'])}" for c in cells]
+        body.append([label, *shown])
+    return table(["exponent of n: fitted; at the end", *(short(method) for method in METHODS)], body)
+
+
+def _or_dash(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
+
+
+def above_limit(result: dict, quantity: str) -> list[str]:
+    """Methods whose exponent at the end exceeds the limit, with it."""
+    ends = {method: result["exponents"][method].get(quantity, {}).get("last") for method in METHODS}
+    return [f"{short(method)} (n^{end:.2f})" for method, end in ends.items() if end is not None and end > result["limit"]]
+
+
+def end_text(result: dict) -> str:
+    """What the exponents at the end say of the limit."""
+    limit, texts = f"n^{result['limit']:g}", []
+    steps, transitions, algebra = (above_limit(result, name) for name in ("step", "transition", "algebra"))
+    if not steps:
+        texts.append(f"At the end, too, an accepted step stays within {limit} by every method.")
+    else:
+        texts.append(f"At the end an accepted step exceeds {limit} by {listed(steps)}.")
+    if transitions:
+        texts.append(f"A transition, a difference of two runs and so the least certain, exceeds it by {listed(transitions)}.")
+    if algebra:
+        texts.append(
+            f"So does the linear algebra of {listed(algebra)}: its operations grow with n, but its matrices outgrow the "
+            "processor's caches between these sizes, and beyond counts what memory delivers, which the fit takes for growth; "
+            "[scene-costs.md](scene-costs.md) measures both levels."
+        )
+    return " ".join(texts)
+
+
 def report(result: dict) -> str:
     """docs/growth.md: the figure in two sentences, and how to draw it again."""
     rows, found, where = result["rows"], result["exponents"], result["machine"]
     largest = max(r["bars"] for r in rows)
     last = {r["method"]: r for r in rows if r["bars"] == largest}
-
-    def listed(texts):
-        return ", ".join(texts[:-1]) + " and " + texts[-1]
-
-    def power(quantity, methods=METHODS):
-        return ["not fitted" if found[m][quantity] is None else f"n^{found[m][quantity]:.2f}" for m in methods]
-
     steps = listed([f"{1e6 * last[m]['step']:.0f}" for m in METHODS])
-    names = listed([label.split("(")[1].rstrip(")") for label in METHODS.values()])
-    lines = [
+    blocks = [
         "# Growth",
-        "",
         "![Time and memory against the number of bars](figures/growth.png)",
-        "",
         "A tower of n stages has 3 n bars that meet only through strings, so by theory a step, a transition and the memory "
-        f"cost a constant times n; from {3 * FIT_FROM} to {largest} bars {names} grow with {listed(power('step'))} per "
-        f"accepted step and {listed(power('transition'))} per transition, and the memory with "
-        f"{power('memory', ['dop853'])[0]}, where n^{LIMIT:g} is the limit that we set.  "
-        f"With {largest} bars a step takes {steps} \u00b5s and a simulation holds "
-        f"{1e-6 * last['dop853']['memory']:.0f} MB (one thread, {where['processor']}, commit {where['commit']}, "
-        f"{where['date']}; the figures stand in [growth.json](growth.json)).",
-        "",
-        "Where the matrices of an implicit step outgrow the processor's caches, its time per bar rises once to what memory "
-        "delivers, which the fit takes for growth; [scene-costs.md](scene-costs.md) measures both levels.",
-        "",
-        "Drawn by `python benchmarks/growth.py`, which also says what was measured and how; `--redraw` draws it again from "
-        "that file.",
-        "",
+        f"cost a constant times n. With {largest} bars {listed([short(m) for m in METHODS])} need {steps} \u00b5s per "
+        f"accepted step, and a simulation holds {1e-6 * last['dop853']['memory']:.0f} MB.",
+        f"Exponents, fitted from {3 * result['fitted_from_stages']} to {largest} bars, and between the largest tower and one "
+        f"of half its size; n^{result['limit']:g} is the limit that we set:",
+        exponent_rows(found),
+        end_text(result),
+        f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in "
+        f"{result['seconds']} s; the figures stand in [growth.json](growth.json). Drawn by `python benchmarks/growth.py`, "
+        "which also says what was measured and how; `--redraw` draws it again from that file ([SVG](figures/growth.svg)).",
     ]
-    return "\n".join(lines)
+    return wrapped("\n\n".join(block for block in blocks if block)) + "\n"
 
 
 def main() -> None:

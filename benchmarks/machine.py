@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
+import sys
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -17,7 +18,7 @@ def _git(*arguments: str) -> str:
     try:
         run = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        return "unknown"
+        return ""
     return run.stdout.strip()
 
 
@@ -30,14 +31,21 @@ def _processor() -> str:
 
 
 def describe() -> dict[str, str]:
-    """Processor, system, versions, commit (with a + where the tree differs from it) and date."""
-    commit = _git("rev-parse", "--short", "HEAD")
+    """Processor, system, versions, commit (with a + where the tree differs from it) and date.
+
+    docs/ does not count: it holds what benchmarks write, one after the other.  A difference is said on stderr, because what
+    is measured cannot be measured again then.
+    """
+    commit = _git("rev-parse", "--short", "HEAD") or "unknown"
+    changed = _git("status", "--porcelain", "--", ".", ":(exclude)docs")
+    if changed:
+        print(f"warning: the tree differs from commit {commit}: {len(changed.splitlines())} files", file=sys.stderr)
     return {
         "processor": _processor(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "numpy": numpy.__version__,
         "scipy": scipy.__version__,
-        "commit": commit + ("+" if _git("status", "--porcelain") else ""),
+        "commit": commit + ("+" if changed else ""),
         "date": datetime.now(timezone.utc).strftime("%Y-%m-%d"),
     }

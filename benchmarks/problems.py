@@ -25,7 +25,8 @@ PUSH_UP, PUSH_ASIDE = 45.0, 20.0
 @dataclass(frozen=True)
 class Problem:
     """name: unique; figure: the figure it belongs to; title: of its panel; force: (N, 3) N on the nodes, constant;
-    duration: s; judged: indices of the nodes whose positions count; conservative: nothing enters or leaves the energy."""
+    duration: s; judged: indices of the nodes whose positions count; conservative: nothing enters or leaves the energy;
+    smooth: no string leaves its piece of the force curve."""
 
     name: str
     figure: str
@@ -35,23 +36,40 @@ class Problem:
     duration: float
     judged: np.ndarray
     conservative: bool = False
+    smooth: bool = False
 
     @property
     def kernel_force(self) -> np.ndarray:
-        """(F * D,) N: the force on the free nodes, on the axes that the scene uses."""
-        return self.force[np.ix_(self.model.free_nodes, self.model.axes)].ravel()
+        """(F * D,) N: the kernel's input `force`."""
+        return kernel_force(self.model, self.force)
+
+
+def kernel_force(model: Model, force: np.ndarray) -> np.ndarray:
+    """(F * D,) N: of a force (N, 3) on all nodes, what acts on the free ones, on the axes that the scene uses."""
+    return force[np.ix_(model.free_nodes, model.axes)].ravel()
+
+
+def top_nodes(model: Model) -> np.ndarray:
+    """Indices of the highest nodes."""
+    height = model.nodes[:, 2]
+    return np.flatnonzero(height > height.max() - 0.01)
+
+
+def push(model: Model, up: float = PUSH_UP, aside: float = PUSH_ASIDE) -> np.ndarray:
+    """(N, 3) N: `up` on each top node, `aside` in x on the first of them."""
+    top, force = top_nodes(model), np.zeros((len(model.nodes), 3))
+    force[top, 2] = up
+    force[top[0], 0] = aside
+    return force
 
 
 def pushed(scene: str, damping: float) -> Problem:
     """A scene of the article under an asymmetric push that starts at once, 1 s; damping: of every string, N s/m."""
     model = build_model(load_scene(scene))
     model = replace(model, damping=np.full(len(model.strings), damping))
-    top = np.flatnonzero(model.nodes[:, 2] > model.nodes[:, 2].max() - 0.01)
-    force = np.zeros((len(model.nodes), 3))
-    force[top, 2] = PUSH_UP
-    force[top[0], 0] = PUSH_ASIDE
-    law = "NSH" if model.nsh_strings else "plain"
-    return Problem(f"{scene}/{damping:g}", scene.removesuffix("_nsh"), f"{law}, d = {damping:g} N s/m", model, force, 1.0, top)
+    title = f"{'NSH' if model.nsh_strings else 'plain'}, d = {damping:g} N s/m"
+    name, figure = f"{scene}/{damping:g}", scene.removesuffix("_nsh")
+    return Problem(name, figure, title, model, push(model), 1.0, top_nodes(model))
 
 
 def prism(prestress: float, spin: np.ndarray, drift: np.ndarray, breathing: float) -> Model:
@@ -97,7 +115,7 @@ def _bar_velocities(nodes, bars, spin, drift, breathing) -> np.ndarray:
 def free_flight() -> Problem:
     """A taut prism that spins, breathes and drifts for 100 s: nothing dissipates, and no string goes slack."""
     model = prism(20.0, np.tile([0.3, 0.2, 2.0], (3, 1)), np.tile([0.1, 0.2, -0.1], (3, 1)), 0.1)
-    return Problem("free_flight", "free_flight", "d = 0, 100 s", model, np.zeros((6, 3)), 100.0, np.arange(6), True)
+    return Problem("free_flight", "free_flight", "d = 0, 100 s", model, np.zeros((6, 3)), 100.0, np.arange(6), True, True)
 
 
 def tumbling() -> Problem:

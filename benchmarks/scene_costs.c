@@ -9,7 +9,8 @@
  * Lines "SCENE NAME ns" are one batch each: the mean of so many repetitions that a batch lasts for BATCH.  A round takes one
  * batch of everything from every scene.  Lines "SCENE NAME = number" are facts.  Runs of one ts_step() each: `smooth` under
  * so small a part of the force that no string changes its piece under any method, `full` under so large a multiple that strings
- * do under all of them (halved and doubled from 1, again and again); `transition`: the clock of scene_costs_traced.c. */
+ * do under all of them (halved and doubled from 1, again and again); `transition` and the fact `lost`: clock and count of
+ * scene_costs_traced.c.  Times are processor times. */
 #define _POSIX_C_SOURCE 199309L
 #include "internal.h"
 
@@ -38,12 +39,13 @@ typedef struct {
 } methods;
 
 extern int tracing;
-extern double traced;
+extern double traced, lost;
+void trace_anew(void);
 
 static double now(void)
 {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
@@ -140,6 +142,7 @@ static double run(const scene *s, int method, double part, int64_t stats[TS_STAT
     ts_integers(sim)[sim->m.int_at[TS_INT_METHOD]] = method;
     for (int i = 0; i < sim->m.count[TS_F] * sim->m.count[TS_D]; i++) force[i] = s->force ? part * s->force[i] : 0.0;
     if (ts_initialize(sim, 0.0)) give_up("ts_initialize", ts_message(sim));
+    trace_anew();
     double start = now();
     int status = ts_step(sim, s->duration);
     double spent = now() - start;
@@ -181,11 +184,12 @@ static void time_run(const scene *s, int method, const char *kind, double part, 
     int64_t stats[TS_STATS];
     double spent = 0.0;
     long n = 0;
-    traced = 0.0;
+    traced = lost = 0.0;
     for (; spent < BATCH; n++) spent += run(s, method, part, stats);
-    if (tracing) printf("%d %s_%d %.9g\n", s->number, kind, method, 1e9 * traced / (double)(n * stats[TS_RESTARTS]));
-    else printf("%d %s_%d %.9g\n", s->number, kind, method, 1e9 * spent / (double)n);
-    if (report) report_counts(s->number, kind, method, stats);
+    double transitions = (double)(n * stats[TS_RESTARTS]);
+    printf("%d %s_%d %.9g\n", s->number, kind, method, 1e9 * (tracing ? traced / transitions : spent / (double)n));
+    if (report && tracing) printf("%d lost_%d = %.9g\n", s->number, method, lost / transitions);
+    else if (report) report_counts(s->number, kind, method, stats);
 }
 
 static void time_runs(const scene *s, const methods *m, int report)
@@ -195,7 +199,7 @@ static void time_runs(const scene *s, const methods *m, int report)
         if (!(s->full_part > 0.0)) continue;
         time_run(s, m->number[k], "full", s->full_part, report);
         tracing = 1;
-        time_run(s, m->number[k], "transition", s->full_part, 0);
+        time_run(s, m->number[k], "transition", s->full_part, report);
         tracing = 0;
     }
 }

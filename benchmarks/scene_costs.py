@@ -1,28 +1,29 @@
 """What a scene costs, and what it does not pay for: ``python benchmarks/scene_costs.py`` writes docs/scene_costs.json and
-docs/scene-costs.md.
+docs/scene-costs.md, in about 3 minutes.
 
-Everything is measured in C (scene_costs*.c, compiled with the kernel's own sources and flags); a C compiler is needed.  All
-scenes take part in every round, so that they see the same state of the machine; shown are the minimum and the median over
-the rounds.  Definitions:
+Everything is measured in C (scene_costs*.c, compiled with the kernel's own sources and flags); a C compiler is needed.  Times
+are processor times.  All scenes take part in every round, so that they see the same state of the machine; shown are the
+minimum and the median over the rounds.  Definitions:
 
 * parts of a step: calls one after the other at a state of the scene's motion, all strings as at its start;
 * step: a run in which no string changes its piece, over its accepted steps, so with the rejected ones and with step size
   control, search for transitions and outputs.  The push is reduced by halves until no method meets a transition;
 * transition: from the search that finds one on a step's dense output to the derivative from which the next step starts, so
-  location, state, switch and new start, with some 30 ns of the clock itself; strings that switch together count once.  The push
-  is doubled until every method meets transitions.  What that run takes in attempted steps (accepted and rejected) beyond the
-  run without transitions, for each transition, stands beside it: a run's time is that of its attempts and its transitions;
+  location, state, switch and new start; strings that switch together count once.  The push is doubled until every method
+  meets transitions;
+* attempts lost: the step with the transition goes only part of its way, and those after the new start are short or rejected
+  until one is as long again: the attempted steps of that time, less as many of the former length as cover it;
 * cold: one call after the caches were emptied.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import subprocess
 import sys
 import tempfile
+import time
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +35,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import machine  # noqa: E402
-from problems import PUSH_ASIDE, PUSH_UP  # noqa: E402
+import problems  # noqa: E402
+from peers import toolchain  # noqa: E402
+from stability.common import table, wrapped  # noqa: E402
 
 from tensegrity_core.fields import METHODS  # noqa: E402
 from tensegrity_core.model import Model, to_bytes  # noqa: E402
@@ -42,7 +45,6 @@ from tensegrity_core.scene import load_scene  # noqa: E402
 from tensegrity_core.statics import build_model  # noqa: E402
 from tensegrity_core.towers import tower  # noqa: E402
 
-NATIVE = ROOT / "tensegrity_core" / "native"
 STEPPED = ("dop853", "rodas5p", "radau9", "ros2")
 PARTS = {
     "rhs": "right-hand side",
@@ -73,13 +75,8 @@ class Subject:
 
     @property
     def force(self) -> np.ndarray:
-        """The kernel's input `force`, N: up on the top nodes, aside on the first of them."""
-        height = self.model.nodes[:, 2]
-        top = np.flatnonzero(height > height.max() - 0.01)
-        force = np.zeros((len(height), 3))
-        force[top, 2] = PUSH_UP
-        force[top[0], 0] = PUSH_ASIDE
-        return force[np.ix_(self.model.free_nodes, self.model.axes)].ravel()
+        """(F * D,) N: the kernel's input `force`, the push of the problems."""
+        return problems.kernel_force(self.model, problems.push(self.model))
 
 
 def subjects() -> list[Subject]:
@@ -103,22 +100,9 @@ def tower_name(stages: int) -> str:
 
 
 def build(folder: Path) -> Path:
-    """Compile scene_costs.c with the kernel's sources, by the compiler and flags that the package is built with."""
-    spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
-    kernel = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(kernel)
-    compiler = kernel.system_compiler()
-    if compiler is None:
-        raise SystemExit("no C compiler found; install one (Debian: apt-get install gcc) or set CC")
-    program = folder / "scene_costs"
-    flags = [flag for flag in kernel.FLAGS if flag != "-shared"]
+    """Compile scene_costs.c with the kernel's sources, but for the stepping loop, which has its traced twin."""
     sources = [str(Path(__file__).with_suffix(".c")), str(Path(__file__).with_name("scene_costs_traced.c"))]
-    sources += sorted(str(path) for path in NATIVE.glob("*.c") if path.name != "integrate.c")
-    command = [*compiler, *flags, f"-I{NATIVE}", *sources, "-lm", "-o", str(program)]
-    run = subprocess.run(command, capture_output=True, text=True)
-    if run.returncode:
-        raise SystemExit(f"compiling failed; command: {' '.join(command)}\n{run.stderr}")
-    return program
+    return toolchain.compile_program(sources + toolchain.kernel_sources("integrate.c"), folder / "scene_costs")
 
 
 def measure(cases: list[Subject], rounds: int) -> list[dict]:
@@ -175,11 +159,9 @@ def stepping(facts: dict, times: dict, number: int) -> dict:
     counts = {kind: {name: int(facts[f"{kind}_{number}_{name}"]) for name in names} for kind in kinds}
     runs = {kind: summary(times[f"{kind}_{number}"]) for kind in kinds}
     result = {"step": {key: runs["smooth"][key] / counts["smooth"]["steps"] for key in ("min", "median")}}
-    result |= {"runs": runs, "counts": counts, "transition": None, "added_attempts": None}
+    result |= {"runs": runs, "counts": counts, "transition": None, "attempts_lost": None}
     if "full" in kinds:
-        attempts = {kind: found["steps"] + found["rejected"] for kind, found in counts.items()}
-        result["transition"] = summary(times[f"transition_{number}"])
-        result["added_attempts"] = (attempts["full"] - attempts["smooth"]) / counts["full"]["restarts"]
+        result |= {"transition": summary(times[f"transition_{number}"]), "attempts_lost": facts[f"lost_{number}"]}
     return result
 
 
@@ -196,11 +178,7 @@ def cell(values: dict | None, scale: float = 1.0) -> str:
     return "–" if values is None else f"{number(scale * values['min'])} ({number(scale * values['median'])})"
 
 
-def table(head: list[str], body: list[list[str]]) -> list[str]:
-    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *body)]
-
-
-def part_rows(rows: list[dict]) -> list[str]:
+def part_rows(rows: list[dict]) -> str:
     head = ["scene", "bars", "states", "strings", *PARTS.values()]
     body = [[r["scene"], *(str(r[key]) for key in ("bars", "states", "strings")), *(cell(r[p]) for p in PARTS)] for r in rows]
     return table(head, body)
@@ -210,23 +188,23 @@ def step_cell(found: dict) -> str:
     return f"{cell(found['step'], 1e-3)}; {found['counts']['smooth']['steps']}"
 
 
-def step_rows(rows: list[dict]) -> list[str]:
-    body = [[r["scene"], *(step_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
-    return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
+def step_rows(rows: list[dict]) -> str:
+    body = [[r["scene"], f"{r['duration']:g}", *(step_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
+    return table(["scene", "run of, s", *(f"`{m}`" for m in STEPPED)], body)
 
 
 def transition_cell(found: dict) -> str:
     if found["transition"] is None:
         return "–"
-    return f"{cell(found['transition'], 1e-3)}; {found['added_attempts']:+.1f}; {found['counts']['full']['restarts']}"
+    return f"{cell(found['transition'], 1e-3)}; {found['attempts_lost']:.1f}; {found['counts']['full']['restarts']}"
 
 
-def transition_rows(rows: list[dict]) -> list[str]:
+def transition_rows(rows: list[dict]) -> str:
     body = [[r["scene"], f"{r['full_part']:g}", *(transition_cell(r["methods"][m]) for m in STEPPED)] for r in rows]
     return table(["scene", "push", *(f"`{m}`" for m in STEPPED)], body)
 
 
-def ratio_rows(known: dict[str, dict]) -> list[str]:
+def ratio_rows(known: dict[str, dict]) -> str:
     """Parts of the scene that has something, over those of the one that has not."""
     pairs = [("space instead of the plane", SPACE, "two_bar"), ("free bars instead of pinned ones", FREED, "three_bar")]
     pairs += [("NSH", f"{name}_nsh", name) for name in ("two_bar", "three_bar", "six_bar")]
@@ -238,8 +216,15 @@ def ratio_rows(known: dict[str, dict]) -> list[str]:
     return table(["what", "scenes", "states", *PARTS.values()], body)
 
 
-def nsh_rows(known: dict[str, dict]) -> list[str]:
-    """With NSH over without, by method: a second without transitions, and a transition."""
+def whole_transition(found: dict) -> float:
+    """ns: a transition with the attempts lost by it, each at the mean of the run without transitions (minima)."""
+    counts = found["counts"]["smooth"]
+    attempt = found["runs"]["smooth"]["min"] / (counts["steps"] + counts["rejected"])
+    return found["transition"]["min"] + found["attempts_lost"] * attempt
+
+
+def nsh_rows(known: dict[str, dict]) -> str:
+    """With NSH over without, by method: a second without transitions, and a transition with the attempts lost by it."""
     body = []
     for name in ("two_bar", "three_bar", "six_bar"):
         with_nsh, plain = known[f"{name}_nsh"]["methods"], known[name]["methods"]
@@ -248,82 +233,91 @@ def nsh_rows(known: dict[str, dict]) -> list[str]:
             a, b = with_nsh[m], plain[m]
             second = a["runs"]["smooth"]["min"] / b["runs"]["smooth"]["min"]
             both = a["transition"] and b["transition"]
-            cells.append(f"{second:.2f}; " + (f"{a['transition']['min'] / b['transition']['min']:.2f}" if both else "–"))
+            cells.append(f"{second:.2f}; " + (f"{whole_transition(a) / whole_transition(b):.2f}" if both else "–"))
         body.append([name, *cells])
     return table(["scene", *(f"`{m}`" for m in STEPPED)], body)
 
 
-def cold_rows(known: dict[str, dict]) -> list[str]:
+def large(rows: list[dict]) -> list[dict]:
+    """The towers that were measured with empty caches, the smallest first."""
+    return sorted((r for r in rows if "cold_rhs" in r), key=lambda r: r["bars"])
+
+
+def cold_rows(rows: list[dict]) -> str:
     """Warm and cold, per block of the matrices."""
     body = []
-    for stages in LARGE:
-        r = known[tower_name(stages)]
+    for r in large(rows):
         times = [f"{number(r[p]['min'] / r['blocks'])}; {number(r['cold_' + p]['min'] / r['blocks'])}" for p in PARTS]
         body.append([r["scene"], f"{1e-6 * r['memory']:.0f}", *times])
     return table(["scene", "MB", *PARTS.values()], body)
 
 
+def cache_text(rows: list[dict]) -> str:
+    """What the smallest and the largest of these towers say."""
+    first, last = large(rows)[0], large(rows)[-1]
+    each = []
+    for part, label in PARTS.items():
+        shares = [100.0 * r[part]["min"] / r["cold_" + part]["min"] for r in (first, last)]
+        growth = (last[part]["min"] / last["blocks"]) / (first[part]["min"] / first["blocks"])
+        each.append(f"{label} {shares[0]:.0f} and {shares[1]:.0f} % ({growth:.2f})")
+    return (
+        "ns for each block of the Jacobian: one call after the other; with empty caches. The work per block is the same at any "
+        f"size. One call after the other takes, of the time with empty caches, in the {first['scene']} and in the "
+        f"{last['scene']}: {', '.join(each)}; in parentheses, by what factor the time per block rises from the one to the "
+        "other. A part whose share is near 100 % in the larger one works from memory there; one whose share is as high in the "
+        "smaller one is bound by arithmetic."
+    )
+
+
 def report(result: dict) -> str:
     """docs/scene-costs.md."""
-    rows, where = result["rows"], result["machine"]
+    rows, where, conditions = result["rows"], result["machine"], result["conditions"]
     known = {r["scene"]: r for r in rows}
     stepped = [r for r in rows if "methods" in r]
-    first, last = known["two_bar"], known[tower_name(max(LARGE))]
+    first, last = known["two_bar"], large(rows)[-1]
     per_string = [number(r["rhs"]["min"] / r["strings"]) for r in (first, last)]
-    return "\n".join(
-        [
-            "# What a scene costs",
-            "",
-            f"Written by `python benchmarks/scene_costs.py`, which also defines each quantity; the figures stand in "
-            f"[scene_costs.json](scene_costs.json).  Measured from C on {where['processor']}, {where['system']}, one thread, "
-            f"commit {where['commit']}, {where['date']}; minimum (median) of {rows[0]['rhs']['batches']} batches or more.",
-            "",
-            "## Parts of a step, ns",
-            "",
-            "States are positions and velocities in generalised coordinates: a pinned bar has one vector of each, a free bar "
-            f"two.  A right-hand side takes {per_string[0]} ns for each string of two_bar and {per_string[1]} ns for each of "
-            f"the {last['strings']} of the largest tower; the complex systems are those of `radau9`.",
-            "",
-            *part_rows([r for r in rows if r["scene"] not in (SPACE, FREED)]),
-            "",
-            "## An accepted step, µs",
-            "",
-            f"Mean over a run without transitions at tolerance {TOLERANCE:g} (`ros2`: steps of 1 ms), with all that belongs to "
-            "it: rejected steps, error control, the search for transitions, outputs; then how many steps that run of "
-            f"{DURATION:g} s took (towers: " + ", ".join(f"{tower_name(n)} {time:g} s" for n, time in TOWERS.items()) + ").",
-            "",
-            *step_rows(stepped),
-            "",
-            "## A transition",
-            "",
-            "µs for location, switching and the new start; then the attempted steps by which the run exceeds the one without "
-            "transitions, for each of them; then their number.  The push is "
-            f"{PUSH_UP:g} N up on the top nodes and {PUSH_ASIDE:g} N aside on one of them, times the number in the second "
-            "column, and attempts are fewer where slack strings let longer steps pass.",
-            "",
-            *transition_rows(stepped),
-            "",
-            "## What a scene does not pay for",
-            "",
-            "Times of the scene that has something over those of the same one without it (minima): two_bar computed in space "
-            "instead of in its plane, three_bar with its supports taken away, scenes with NSH.  The kernel leaves out what a "
-            "scene has not, and a ratio above 1 is what that saves.",
-            "",
-            *ratio_rows(known),
-            "",
-            "With NSH over without, by method: the run without transitions; a transition.",
-            "",
-            *nsh_rows(known),
-            "",
-            "## Caches",
-            "",
-            "ns for each block of the Jacobian: one call after the other; with empty caches.  The work per block is the same "
-            "at any size, and what has outgrown the caches costs what it costs with empty ones.",
-            "",
-            *cold_rows(known),
-            "",
-        ]
-    )
+    blocks = [
+        "# What a scene costs",
+        "Written by `python benchmarks/scene_costs.py`, which also defines each quantity; the figures stand in "
+        f"[scene_costs.json](scene_costs.json), and `--redraw` writes this page from them. Measured from C, in processor time, "
+        f"on {where['processor']}, {where['system']}, one thread, commit {where['commit']}, {where['date']}, in "
+        f"{result['seconds']} s; minimum (median) of {min(r['rhs']['batches'] for r in rows)} batches or more.",
+        "## Parts of a step, ns",
+        "States are positions and velocities in generalised coordinates: a pinned bar has one vector of each, a free bar "
+        f"two. A right-hand side takes {per_string[0]} ns for each string of two_bar and {per_string[1]} ns for each of "
+        f"the {last['strings']} of the {last['scene']}; the complex systems are those of `radau9`.",
+        part_rows([r for r in rows if r["scene"] not in (SPACE, FREED)]),
+        "## An accepted step, µs",
+        f"Mean over a run without transitions at tolerance {conditions['tolerance']:g} (`ros2`: steps of 1 ms), with all that "
+        "belongs to it: rejected steps, error control, the search for transitions, outputs; then how many steps that run took.",
+        step_rows(stepped),
+        "## A transition",
+        "µs for location, switching and the new start; then the attempts lost by it: those from the step that it cuts short "
+        "until the steps are as long again, less as many of the former length as cover that time; then how many transitions "
+        f"there were. The push is {conditions['up']:g} N up on the top nodes and {conditions['aside']:g} N aside on one of "
+        "them, times the number in the second column.",
+        transition_rows(stepped),
+        "## What a scene does not pay for",
+        "Times of the scene that has something over those of the same one without it (minima): two_bar computed in space "
+        "instead of in its plane, three_bar with its supports taken away, scenes with NSH. The kernel leaves out what a "
+        "scene has not, and a ratio above 1 is what that saves.",
+        ratio_rows(known),
+        "With NSH over without, by method: the run without transitions; a transition with the attempts lost by it, each at "
+        "the mean time of an attempt in the run without transitions.",
+        nsh_rows(known),
+        "## Caches",
+        cache_text(rows),
+        cold_rows(rows),
+    ]
+    return wrapped("\n\n".join(blocks)) + "\n"
+
+
+def collect(rounds: int) -> dict:
+    """docs/scene_costs.json."""
+    began, where = time.perf_counter(), machine.describe()
+    conditions = {"up": problems.PUSH_UP, "aside": problems.PUSH_ASIDE, "tolerance": TOLERANCE, "rounds": rounds}
+    rows = measure(subjects(), rounds)
+    return {"machine": where, "conditions": conditions, "seconds": round(time.perf_counter() - began), "rows": rows}
 
 
 def main() -> None:
@@ -336,8 +330,7 @@ def main() -> None:
     if options.redraw:
         result = json.loads(data.read_text(encoding="utf-8"))
     else:
-        push = {"up": PUSH_UP, "aside": PUSH_ASIDE, "tolerance": TOLERANCE}
-        result = {"machine": machine.describe(), "push": push, "rows": measure(subjects(), options.rounds)}
+        result = collect(options.rounds)
         options.output.mkdir(parents=True, exist_ok=True)
         data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     text = report(result)

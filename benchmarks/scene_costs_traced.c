@@ -1,37 +1,67 @@
-/* The kernel's stepping loop with a clock around what a transition costs; compiled in the place of integrate.c.
+/* The kernel's stepping loop with a clock around what a transition costs, and a count of the attempts that are lost by it;
+ * compiled in the place of integrate.c.
  *
- * From the call that finds a transition on the dense output, by way of the state there, the switch of the string and the new
- * derivative, to the last thing that the loop does before it steps on. */
+ * Clock: from the search on the dense output that finds a transition, by way of the state there, the switch of the string and
+ * the new derivative, to the last thing that the loop does before it steps on; less what reading the clock takes.
+ *
+ * Attempts lost: the step with the transition goes only part of its way, and those after the new start are short or rejected
+ * until one is as long again.  Lost are the attempts of that time, less as many steps of the former length as cover it. */
 #define _POSIX_C_SOURCE 199309L
 #include "internal.h"
 
+#include <math.h>
 #include <time.h>
 
-int tracing;    /* the clock runs */
-double traced;  /* s, sum over all transitions */
-static double began;
+int tracing;         /* clock and count run */
+double traced, lost; /* s and attempts, sums over all transitions */
+
+static double began, clock_takes = INFINITY; /* s */
+static double start, length, former;         /* s: of the present step, its length, and that before the transition */
+static int64_t counted;                      /* attempts so far */
+static int recovering;                       /* steps are still shorter than before the transition */
 
 static double now(void)
 {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static double first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which)
+/* Call it before each run. */
+void trace_anew(void)
 {
-    if (!tracing) return ts_first_transition(sim, method, tau, h, which);
-    double start = now(), theta = ts_first_transition(sim, method, tau, h, which);
-    if (theta >= 0.0) began = start;
-    return theta;
+    recovering = 0;
+    counted = 0;
+    for (int i = 0; i < 10; i++) {
+        double first = now();
+        clock_takes = fmin(clock_takes, now() - first);
+    }
 }
 
-static void review_restart(ts_sim *sim, double tau)
+static double share(double h) { return fmin(h / former, 1.0); }
+
+static void search_begins(const ts_sim *sim, double tau, double h)
 {
-    ts_review_restart(sim, tau);
-    if (tracing) traced += now() - began;
+    int64_t attempts = sim->memory.stats[TS_STEPS] + sim->memory.stats[TS_REJECTED];
+    if (!tracing) return;
+    if (recovering) lost += (double)(attempts - counted) - share(h);
+    if (recovering && h >= former) recovering = 0;
+    counted = attempts;
+    start = tau;
+    length = h;
+    began = now();
 }
 
-#define ts_first_transition first_transition
-#define ts_review_restart review_restart
+static void restart_ends(double tau)
+{
+    if (!tracing) return;
+    traced += now() - began - clock_takes;
+    if (!recovering) former = length;
+    lost += share(start + length - tau);
+    recovering = 1;
+}
+
+#define ts_first_transition(sim, method, tau, h, ...) \
+    (search_begins(sim, tau, h), ts_first_transition(sim, method, tau, h, __VA_ARGS__))
+#define ts_review_restart(sim, tau) (ts_review_restart(sim, tau), restart_ends(tau))
 #include "integrate.c"

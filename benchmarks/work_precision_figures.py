@@ -1,173 +1,187 @@
-"""Figures of the work-precision benchmark, from its data."""
+"""Figures of the work-precision benchmark, from its data.
+
+Our methods are drawn one by one.  The others are drawn as what is best of each family, over its ladders, which stand faint
+behind.
+"""
 
 from __future__ import annotations
 
-import io
-import re
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-from matplotlib.lines import Line2D  # noqa: E402
-from PIL import Image  # noqa: E402
-from work_precision_data import front  # noqa: E402
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from stability.common import new_figure, save, style
+from work_precision_data import front
 
 OWN = {"auto": "#000000", "dop853": "#d62728", "rodas5p": "#1f4fd8", "radau9": "#8e24aa", "rk4": "#e08a00", "ros2": "#00897b"}
 #: For a method of the kernel that is not listed above.
 OTHER = "#e377c2"
-#: family, method: label, colour, marker.  A muted colour per kind of peer.
-PEERS = {
-    ("cvode", "cvode_bdf"): ("CVODE BDF", "#7f9db9", "s"),
-    ("cvode", "cvode_adams"): ("CVODE Adams", "#7f9db9", "o"),
-    ("arkode", "erk_ARKODE_CASH_KARP_6_4_5"): ("ARKODE Cash-Karp 5(4)", "#8fae8b", "o"),
-    ("arkode", "erk_ARKODE_DORMAND_PRINCE_7_4_5"): ("ARKODE Dormand-Prince 5(4)", "#8fae8b", "s"),
-    ("arkode", "erk_ARKODE_VERNER_8_5_6"): ("ARKODE Verner 6(5)", "#8fae8b", "^"),
-    ("arkode", "erk_ARKODE_FEHLBERG_13_7_8"): ("ARKODE Fehlberg 8(7)", "#8fae8b", "D"),
-    ("arkode", "dirk_ARKODE_ESDIRK436L2SA_6_3_4"): ("ARKODE ESDIRK 4(3)", "#a99bb8", "o"),
-    ("arkode", "dirk_ARKODE_ESDIRK547L2SA2_7_4_5"): ("ARKODE ESDIRK 5(4)", "#a99bb8", "s"),
-    ("arkode", "dirk_ARKODE_KVAERNO_7_4_5"): ("ARKODE Kvaerno 5(4)", "#a99bb8", "^"),
-    ("scipy", "RK45"): ("SciPy RK45", "#c9a581", "s"),
-    ("scipy", "DOP853"): ("SciPy DOP853", "#c9a581", "o"),
-    ("scipy", "Radau"): ("SciPy Radau", "#c9a581", "^"),
-    ("scipy", "BDF"): ("SciPy BDF", "#c9a581", "D"),
-    ("scipy", "LSODA"): ("SciPy LSODA", "#c9a581", "v"),
-    ("article", "RK45"): ("article's equations, RK45 (ode45)", "#8c7b5a", "P"),
-    ("article", "DOP853"): ("article's equations, DOP853", "#8c7b5a", "X"),
-    ("mujoco", "Euler"): ("MuJoCo Euler", "#9a9a9a", "o"),
-    ("mujoco", "implicit"): ("MuJoCo implicit", "#9a9a9a", "s"),
-    ("mujoco", "implicitfast"): ("MuJoCo implicitfast", "#9a9a9a", "^"),
-    ("mujoco", "RK4"): ("MuJoCo RK4", "#6d6d6d", "D"),
+#: What is drawn together: label -> colour, line style, marker.
+FAMILIES = {
+    "SUNDIALS CVODE BDF": ("#3f6f9f", "-", "s"),
+    "SUNDIALS CVODE Adams": ("#3f6f9f", "--", "o"),
+    "SUNDIALS ARKODE explicit": ("#5f8f4f", "-", "^"),
+    "SUNDIALS ARKODE implicit": ("#5f8f4f", "--", "v"),
+    "SUNDIALS, transitions not located": ("#6f7f8f", ":", "D"),
+    "SciPy": ("#b5763f", "-", "s"),
+    "SciPy, transitions not located": ("#b5763f", ":", "o"),
+    "article's equations in NumPy, SciPy": ("#7a6a4f", "-.", "P"),
+    "MuJoCo Euler and implicit": ("#7f7f7f", "--", "o"),
+    "MuJoCo RK4": ("#4f4f4f", "-", "D"),
 }
-#: Families whose ladders are drawn together as what is best of them: a line for each pair of label and condition.
-FRONTS = {
-    "SUNDIALS, best of all set-ups": (("cvode", "arkode", "plain"), True, {"color": "0.35", "lw": 1.5}),
-    "SUNDIALS, best of the plain set-ups": (("plain",), True, {"color": "0.35", "lw": 1.1, "ls": "--"}),
-    "SUNDIALS, transitions not located": (("cvode", "arkode"), False, {"color": "#5f7f9f", "lw": 1.0, "ls": ":"}),
-    "SciPy, transitions not located": (("scipy",), False, {"color": "#b08050", "lw": 1.0, "ls": ":"}),
-}
-LEFT, RIGHT = 3e-15, 0.3  # limits of the errors shown; small ones to the left
+#: Largest error shown, m; a structure is as large.  Runs of fixed step beyond UNSTABLE, m, are near their stability limit and
+#: stand by themselves.
+SHOWN, UNSTABLE = 1.0, 0.1
+CUT = "tighter settings: beyond the time limit"
 
 
-def label(family: str, method: str) -> str:
-    """How a contender is called."""
-    if family == "kernel":
-        return f"tensegrity kernel: {method}"
-    if family == "plain":
-        names = {"cvode_bdf": "CVODE BDF", "cvode_adams": "CVODE Adams", "erk": "ARKODE explicit", "dirk": "ARKODE implicit"}
-        return (names.get(method) or f"{names[method.split('_')[0]]}, order {method.split('_')[1]}") + ", plain"
-    return PEERS[family, method][0]
+def family(row: dict, smooth: bool) -> str:
+    """What a peer's run is drawn with; smooth: the problem has no transitions to locate."""
+    maker, method = row["family"], row["method"]
+    located = row["events"] or smooth
+    if maker == "mujoco":
+        return "MuJoCo RK4" if method == "RK4" else "MuJoCo Euler and implicit"
+    if maker == "article":
+        return "article's equations in NumPy, SciPy"
+    if maker == "scipy":
+        return "SciPy" if located else "SciPy, transitions not located"
+    if not located:
+        return "SUNDIALS, transitions not located"
+    if method.startswith("cvode"):
+        return "SUNDIALS CVODE BDF" if method == "cvode_bdf" else "SUNDIALS CVODE Adams"
+    return "SUNDIALS ARKODE explicit" if method.startswith("erk") else "SUNDIALS ARKODE implicit"
 
 
 def plural(count: int, word: str) -> str:
     return f"{count or 'no'} {word}" + ("" if count == 1 else "s")
 
 
-def _style(family: str, method: str) -> dict:
-    """Own methods thick and coloured, peers thin and muted."""
-    if family == "kernel":
-        return {"color": OWN.get(method, OTHER), "lw": 2.8 if method == "auto" else 2.0, "marker": "o", "ms": 3.4, "zorder": 5}
-    _, colour, marker = PEERS[family, method]
-    return {"color": colour, "lw": 0.8, "marker": marker, "ms": 2.6, "mfc": "white", "mew": 0.6, "zorder": 2}
+def own_style(method: str) -> dict:
+    return {"color": OWN.get(method, OTHER), "lw": 2.8 if method == "auto" else 1.4, "marker": "o", "ms": 2.8, "zorder": 5}
 
 
-def _drawn(rows: list[dict]) -> dict[tuple[str, str], list[dict]]:
-    """Rows of the ladders that are drawn one by one: those with events, and of families that have none."""
-    found: dict[tuple[str, str], list[dict]] = {}
-    located = {row["family"] for row in rows if row["events"]}
+def family_style(name: str) -> dict:
+    colour, line, marker = FAMILIES[name]
+    return {"color": colour, "ls": line, "lw": 1.1, "marker": marker, "ms": 2.6, "mew": 0.6, "zorder": 4}
+
+
+def shown(rows: list[dict], quantity: str) -> list[dict]:
+    return [row for row in rows if row.get(quantity) and row["ms_per_s"] and row[quantity] <= SHOWN]
+
+
+def grouped(rows: list[dict], key) -> dict:
+    found: dict = {}
     for row in rows:
-        if row["error"] and row["ms_per_s"] and row["family"] != "plain" and (row["events"] or row["family"] not in located):
-            found.setdefault((row["family"], row["method"]), []).append(row)
+        found.setdefault(key(row), []).append(row)
     return found
 
 
-def _fronts(rows: list[dict], quantity: str) -> dict[str, list[tuple[float, float]]]:
-    """Lines of FRONTS; none where no contender locates transitions, as each line is drawn by itself then."""
-    if not any(row["events"] and row["family"] != "kernel" for row in rows):
-        return {}
-    found = {}
-    for name, (families, events, _) in FRONTS.items():
-        if points := front([row for row in rows if row["family"] in families and row["events"] == events], quantity):
-            found[name] = points
-    return found
+class Panel:
+    """The runs of one problem, by one measure of error."""
+
+    def __init__(self, axes, result: dict, problem: str, quantity: str = "error"):
+        smooth = result["problems"][problem]["smooth"]
+        rows = shown([row for row in result["rows"] if row["problem"] == problem], quantity)
+        self.axes, self.quantity = axes, quantity
+        self.floor = reference_floor(result["problems"][problem]) if quantity == "error" else 0.0
+        self.own = grouped([row for row in rows if row["family"] == "kernel"], lambda row: row["method"])
+        peers = [row for row in rows if row["family"] != "kernel"]
+        self.families = grouped(peers, lambda row: family(row, smooth))
+        self.errors = [row[quantity] for row in rows]
+
+    def draw(self) -> None:
+        for method, rows in self.own.items():
+            joined = [row for row in rows if row["kind"] == "tolerance" or row[self.quantity] <= UNSTABLE]
+            self._line(joined, **own_style(method))
+            self._line([row for row in rows if row not in joined], **own_style(method) | {"ls": ""})
+            self._end(joined[-1:], own_style(method))
+        for name, rows in self.families.items():
+            for ladder in grouped(rows, lambda row: (row["family"], row["method"], row["events"])).values():
+                self._line(ladder, color=FAMILIES[name][0], lw=0.5, alpha=0.3, zorder=1)
+            best = front(rows, self.quantity)
+            self._line(best, **family_style(name))
+            self._end(best[-1:], family_style(name))
+
+    def _line(self, rows: list[dict], **drawn) -> None:
+        self.axes.plot([row[self.quantity] for row in rows], [row["ms_per_s"] for row in rows], **drawn)
+
+    def _end(self, last: list[dict], drawn: dict) -> None:
+        """An open mark where the time limit ends a line."""
+        if last and last[0]["cut"]:
+            self._line(last, **cut_style(drawn["color"]))
 
 
-def _panel(axes, rows: list[dict], floor: float, quantity: str = "error") -> None:
-    for key, ladder in _drawn(rows).items():
-        if points := [(row[quantity], row["ms_per_s"]) for row in ladder if row.get(quantity)]:
-            axes.plot(*zip(*points), **_style(*key))
-    for name, points in _fronts(rows, quantity).items():
-        axes.plot(*zip(*points), zorder=3, **FRONTS[name][2])
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(LEFT, RIGHT)
-    axes.set_xticks([10.0**e for e in range(-14, 0, 2)])
-    if quantity == "error":
-        axes.axvspan(LEFT, max(floor, LEFT), color="0.93", lw=0, zorder=0)
-    axes.grid(True, which="major", lw=0.3, color="0.85")
+def cut_style(colour: str) -> dict:
+    return {"color": colour, "ls": "", "marker": "<", "ms": 7.0, "mfc": "white", "mew": 1.0, "zorder": 6}
 
 
-def _legend(figure, rows: list[dict], columns: int) -> None:
-    order = ["kernel", *dict.fromkeys(family for family, _ in PEERS)]
-    keys = sorted(_drawn(rows), key=lambda key: order.index(key[0]))
-    handles = [Line2D([], [], label=label(*key), **_style(*key)) for key in keys]
-    handles += [Line2D([], [], label=name, **FRONTS[name][2]) for name in _fronts(rows, "error")]
+def finish(panels: list[Panel]) -> None:
+    """Draw, and give all panels the same limits; shaded: below what is known of the reference itself."""
+    errors = [error for panel in panels for error in panel.errors]
+    left, right = max(0.4 * min(errors), 1e-15), 2.5 * max(errors)
+    for panel in panels:
+        panel.draw()
+        panel.axes.set(xscale="log", yscale="log", xlim=(left, right))
+        panel.axes.minorticks_off()
+        if panel.floor > left:
+            panel.axes.axvspan(left, panel.floor, color="0.93", lw=0, zorder=0)
+
+
+def legend(figure: Figure, panels: list[Panel], columns: int) -> None:
+    """Of everything that a panel shows."""
+    own = [method for method in (*OWN, *_others(panels)) if any(method in panel.own for panel in panels)]
+    families = [name for name in FAMILIES if any(name in panel.families for panel in panels)]
+    handles = [Line2D([], [], label=f"our {method}", **own_style(method)) for method in own]
+    handles += [Line2D([], [], label=name, **family_style(name)) for name in families]
+    if any(line.get_marker() == "<" for panel in panels for line in panel.axes.lines):
+        handles.append(Line2D([], [], label=CUT, **cut_style("0.3")))
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=7.5, frameon=False)
 
 
-def _store(figure, folder: Path, name: str) -> None:
-    """PNG and SVG, the same bytes for the same data."""
-    folder.mkdir(parents=True, exist_ok=True)
-    png, svg = io.BytesIO(), io.StringIO()
-    figure.savefig(png, dpi=110, format="png")
-    figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(figure)
-    Image.open(png).convert("RGB").quantize(64, dither=Image.Dither.NONE).save(folder / f"work_precision_{name}.png", optimize=True)
-    shorter = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}", svg.getvalue())
-    (folder / f"work_precision_{name}.svg").write_text(shorter, encoding="utf-8")
+def _others(panels: list[Panel]) -> list[str]:
+    return sorted({method for panel in panels for method in panel.own} - set(OWN))
 
 
-def _floor(about: dict) -> float:
+def reference_floor(about: dict) -> float:
     """Where the reference itself ends, m: how far the nearest other method is from it."""
     return min(about["reference_difference"].values())
 
 
-def _scene(result: dict, scene: str, folder: Path) -> None:
+def scene_figure(result: dict, scene: str) -> Figure:
     """A panel per law (rows) and damping (columns)."""
     names = [name for name, about in result["problems"].items() if about["figure"] == scene]
     laws = list(dict.fromkeys(name.partition("/")[0] for name in names))
     dampings = list(dict.fromkeys(name.partition("/")[2] for name in names))
-    rows = [row for row in result["rows"] if row["problem"] in names]
-    figure, grid = plt.subplots(len(laws), len(dampings), figsize=(4.4 * len(dampings), 3.6 * len(laws) + 1.6), sharex=True,
-                                sharey=True, squeeze=False, layout="constrained")  # fmt: skip
+    figure = new_figure(2.0 + 3.1 * len(dampings), 1.6 + 2.9 * len(laws))
+    grid = figure.subplots(len(laws), len(dampings), sharex=True, sharey=True, squeeze=False)
+    panels = []
     for name in names:
         law, _, damping = name.partition("/")
         about, axes = result["problems"][name], grid[laws.index(law), dampings.index(damping)]
-        _panel(axes, [row for row in rows if row["problem"] == name], _floor(about))
-        axes.set_title(f"{about['title']}, {plural(about['transitions'], 'transition')}", fontsize=9)
+        panels.append(Panel(axes, result, name))
+        axes.set_title(f"{about['title']}, {plural(about['transitions'], 'transition')}", fontsize=8.5)
+    finish(panels)
     for axes in grid[-1]:
         axes.set_xlabel("largest error of the top nodes, m")
     for axes in grid[:, 0]:
         axes.set_ylabel("ms per simulated second")
-    figure.suptitle(f"{scene}, pushed for 1 s: time against error (grey: beyond the reference's own accuracy)", fontsize=10)
-    _legend(figure, rows, max(2, 2 * len(dampings) - 1))
-    _store(figure, folder, scene)
+    figure.suptitle(f"{scene}, pushed for 1 s: time against error", fontsize=9.5)
+    legend(figure, panels, max(2, len(dampings) + 1))
+    return figure
 
 
-def _single(result: dict, name: str, quantities: dict[str, str], title: str, folder: Path) -> None:
+def single_figure(result: dict, name: str, quantities: dict[str, str], title: str) -> Figure:
     """A panel per measure of error of one problem; quantities: column -> axis label."""
-    about = result["problems"][name]
-    rows = [row for row in result["rows"] if row["problem"] == name]
-    figure, grid = plt.subplots(1, len(quantities), figsize=(6.0 * len(quantities), 5.8), sharey=True, squeeze=False,
-                                layout="constrained")  # fmt: skip
-    for axes, (quantity, text) in zip(grid[0], quantities.items()):
-        _panel(axes, rows, _floor(about), quantity)
-        axes.set_xlabel(text)
-    grid[0, 0].set_ylabel("ms per simulated second")
-    figure.suptitle(title, fontsize=10)
-    _legend(figure, rows, 2 * len(quantities))
-    _store(figure, folder, about["figure"])
+    figure = new_figure(1.0 + 4.8 * len(quantities), 5.4)
+    grid = figure.subplots(1, len(quantities), sharey=True, squeeze=False)[0]
+    panels = [Panel(axes, result, name, quantity) for axes, quantity in zip(grid, quantities)]
+    for panel, label in zip(panels, quantities.values()):
+        finish([panel])
+        panel.axes.set_xlabel(label)
+    grid[0].set_ylabel("ms per simulated second")
+    figure.suptitle(title, fontsize=9.5)
+    legend(figure, panels, 2 * len(quantities))
+    return figure
 
 
 def names(result: dict) -> list[str]:
@@ -175,15 +189,18 @@ def names(result: dict) -> list[str]:
     return list(dict.fromkeys(about["figure"] for about in result["problems"].values()))
 
 
+def figure_of(result: dict, name: str) -> Figure:
+    nodes = {"error": "largest error of the nodes, m"}
+    if name == "free_flight":
+        quantities = nodes | {"energy_error": "largest error of the energy, relative"}
+        return single_figure(result, name, quantities, "free flight, 100 s without dampers: time against error")
+    if name == "mujoco":
+        return single_figure(result, "mujoco_prism", nodes, "tumbling prism, 1 s without dampers: time against error")
+    return scene_figure(result, name)
+
+
 def draw(result: dict, folder: Path) -> None:
     """All figures."""
-    plt.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "work_precision", "font.size": 8})
-    nodes = {"error": "largest error of the nodes, m"}
-    for name in names(result):
-        if name == "free_flight":
-            quantities = nodes | {"energy_error": "largest error of the energy, relative"}
-            _single(result, name, quantities, "free flight, 100 s without dampers: time against error", folder)
-        elif name == "mujoco":
-            _single(result, "mujoco_prism", nodes, "tumbling prism, 1 s without dampers: time against error", folder)
-        else:
-            _scene(result, name, folder)
+    with style():
+        for name in names(result):
+            save(figure_of(result, name), folder / f"work_precision_{name}")

@@ -1,93 +1,110 @@
-"""What an NSH costs: time per transition and per transition-free second, with NSH and without.
+"""What an NSH costs `auto`: runs of three_bar for 1 s with NSH and without, under the same parts of the push.
 
-The two are told apart by runs of the same scene that differ in their force and duration, and so in their number of
-transitions; some have none.  Each run takes the loosest tolerance from which on every error is at most TARGET; the times
-are then fitted as
-
-    time = start + rate * duration + per_transition * transitions,
-
-by least squares of the relative residuals, no coefficient negative.  A transition-free second is start + rate: the first
-second after a push, under which no string changes its piece.
+Each run is the fastest that comes within TARGET.  A transition-free second is a run under so small a part that no string
+changes its piece; a transition costs what a run under a large part takes longer than that, over its transitions.
 """
 
 from __future__ import annotations
 
-import statistics
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from statistics import median
 
 import numpy as np
-from problems import DAMPINGS, Problem, pushed
-from scipy.optimize import nnls
+from problems import DAMPINGS, pushed
 from work_precision_data import TARGET
 
 from peers.ladder import tolerances
 from peers.native import Bench
 from peers.toolchain import Tools
 
-SCENES = ("three_bar", "three_bar_nsh")
-FORCES = (-1.0, -0.5, -0.25, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 1.5, 2.0)  # of the push
-DURATIONS = (0.5, 1.0, 2.0)  # s
-REPETITIONS = 6
+PLAIN, NSH = "three_bar", "three_bar_nsh"
+SMALL = (-0.1, -0.075, -0.05, -0.035, -0.02, -0.01, 0.01, 0.02)  # parts of the push without transitions, and with
+LARGE = (0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
+TOLERANCES = tolerances(1e-4, 1e-11, 2)
+TRIALS, REPETITIONS = 3, 10
+
+
+@dataclass
+class Case:
+    """One run; seconds: all its times."""
+
+    bench: Bench
+    push: float
+    tolerance: float
+    transitions: int
+    seconds: list[float] = field(default_factory=list)
 
 
 def problems_needed() -> list[str]:
     """Names of the problems that these runs vary."""
-    return [f"{scene}/{d:g}" for scene in SCENES for d in DAMPINGS]
+    return [f"{scene}/{d:g}" for scene in (PLAIN, NSH) for d in DAMPINGS]
 
 
-def variants(problem: Problem) -> list[Problem]:
-    """The problem under every force and duration."""
-    return [replace(problem, force=f * problem.force, duration=t) for f in FORCES for t in DURATIONS]
-
-
-def loosest(bench: Bench) -> tuple[float, int]:
-    """Tolerance of `auto` from which on every error is within TARGET, and its number of transitions; NaN where there is none."""
-    exact = bench.kernel("dop853", 1e-13, 0.0, 1)
-    chosen, count = float("nan"), 0
-    for tolerance in reversed(tolerances(1e-4, 1e-11, 2)):
-        run = bench.kernel("auto", tolerance, 0.0, 1)
-        if run.failure or np.abs(run.position - exact.position)[:, bench.problem.judged].max() > TARGET:
-            break
-        chosen, count = tolerance, run.counts["transitions"]
-    return chosen, count
-
-
-def fit(duration: np.ndarray, transitions: np.ndarray, seconds: np.ndarray) -> tuple[float, float, float]:
-    """Seconds per transition-free second and per transition, and the root mean square of the relative residuals."""
-    A = np.column_stack((np.ones(len(seconds)), duration, transitions)) / seconds[:, None]
-    (start, rate, per_transition), residual = nnls(A, np.ones(len(seconds)))
-    return float(start + rate), float(per_transition), float(residual / np.sqrt(len(seconds)))
+def fastest_case(bench: Bench, push: float) -> Case | None:
+    """At the tolerance with the least time among those that reach TARGET; None where none does."""
+    exact, found = bench.kernel("radau9", 1e-13, 0.0, 1), []
+    for tolerance in TOLERANCES:
+        run = bench.kernel("auto", tolerance, 0.0, TRIALS)
+        if run.failure is None and np.abs(run.position - exact.position)[:, bench.problem.judged].max() <= TARGET:
+            found.append((min(run.seconds), tolerance, run.counts["transitions"]))
+    return Case(bench, push, *min(found)[1:]) if found else None
 
 
 def measure(tools: Tools, folder: Path, rounds: int) -> list[dict]:
-    """A row per scene and damping: the runs, and what the fit gives; times in ms."""
+    """A row per scene, damping and push: the least time, ms."""
     rows = []
     for damping in DAMPINGS:
-        benches = {}
-        for scene in SCENES:
-            for n, variant in enumerate(variants(pushed(scene, damping))):
-                bench = Bench(variant, tools, folder / f"cost_{scene}_{damping:g}_{n}")
-                tolerance, transitions = loosest(bench)
-                if np.isfinite(tolerance):
-                    benches[scene, n] = bench, tolerance, transitions, []
-        for _ in range(rounds + 1):  # scenes and variants take turns
-            for bench, tolerance, _, seconds in benches.values():
-                seconds += bench.kernel("auto", tolerance, 0.0, REPETITIONS).seconds
-        for scene in SCENES:
-            taken = [value for (name, _), value in benches.items() if name == scene]
-            rows.append(_row(scene, damping, taken))
+        cases = []
+        for scene in (PLAIN, NSH):
+            problem = pushed(scene, damping)
+            for push in (*SMALL, *LARGE):
+                bench = Bench(replace(problem, force=push * problem.force), tools, folder / f"nsh_{scene}_{damping:g}_{push:g}")
+                if case := fastest_case(bench, push):
+                    cases.append((scene, case))
+        for _ in range(rounds + 1):  # all take turns
+            for _, case in cases:
+                case.seconds += case.bench.kernel("auto", case.tolerance, 0.0, REPETITIONS).seconds
+        rows += [_row(scene, damping, case) for scene, case in cases]
     return rows
 
 
-def _row(scene: str, damping: float, taken: list[tuple[Bench, float, int, list[float]]]) -> dict:
-    duration = np.array([bench.problem.duration for bench, *_ in taken])
-    transitions = np.array([count for _, _, count, _ in taken], dtype=float)
-    seconds = np.array([statistics.median(times) for *_, times in taken])
-    per_second, per_transition, residual = fit(duration, transitions, seconds)
-    return {
-        "scene": scene, "damping": damping, "duration": duration.tolist(), "transitions": transitions.astype(int).tolist(),
-        "ms": [float(f"{1e3 * x:.4g}") for x in seconds], "tolerance": [tolerance for _, tolerance, _, _ in taken],
-        "ms_per_second": float(f"{1e3 * per_second:.4g}"), "us_per_transition": float(f"{1e6 * per_transition:.4g}"),
-        "relative_residual": float(f"{residual:.3g}"),
-    }  # fmt: skip
+def _row(scene: str, damping: float, case: Case) -> dict:
+    return {"scene": scene, "damping": damping, "push": case.push, "tolerance": case.tolerance,
+            "transitions": case.transitions, "ms": float(f"{1e3 * min(case.seconds):.4g}")}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Medians over the pushes without NSH and with, ms or µs; ratios: with over without, push by push."""
+
+    plain: float
+    nsh: float
+    ratios: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        return median(self.ratios)
+
+
+def _cost(pairs: list[tuple[float, float]]) -> Cost | None:
+    """Of values without NSH and with."""
+    if not pairs:
+        return None
+    plain, nsh = zip(*pairs)
+    return Cost(median(plain), median(nsh), tuple(b / a for a, b in pairs))
+
+
+def costs(runs: list[dict], damping: float) -> tuple[Cost | None, Cost | None]:
+    """Of a transition-free second, ms, and of a transition, µs; None where no push tells it."""
+    known = {(run["scene"], run["push"]): run for run in runs if run["damping"] == damping}
+    pairs = [(run, known[NSH, push]) for (scene, push), run in known.items() if scene == PLAIN and (NSH, push) in known]
+    calm = [(a["ms"], b["ms"]) for a, b in pairs if not a["transitions"] and not b["transitions"]]
+    second = _cost(calm)
+    if second is None:
+        return None, None
+    busy = [
+        (1e3 * (a["ms"] - second.plain) / a["transitions"], 1e3 * (b["ms"] - second.nsh) / b["transitions"])
+        for a, b in pairs if a["transitions"] and b["transitions"] and abs(a["push"]) >= min(LARGE)
+    ]  # fmt: skip
+    return second, _cost([(a, b) for a, b in busy if a > 0.0 and b > 0.0])

@@ -13,6 +13,7 @@ from support import changed, push, scene
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks" / "stability"))
 
+import all as every  # noqa: E402
 import branch_two  # noqa: E402
 import common  # noqa: E402
 import drift  # noqa: E402
@@ -25,7 +26,7 @@ import one_beam  # noqa: E402
 import pushed_run  # noqa: E402
 import spectrum  # noqa: E402
 
-from tensegrity_core import fields, reference  # noqa: E402
+from tensegrity_core import reference  # noqa: E402
 from tensegrity_core import nsh as law  # noqa: E402
 from tensegrity_core.errors import InputError  # noqa: E402
 from tensegrity_core.scene import parse_scene  # noqa: E402
@@ -136,7 +137,7 @@ def test_theory_along_a_motion_predicts_when_the_pushed_run_fails():
     along, printed = formulations.Motion(p, "matrix", True, with_theory=True), formulations.Motion(p, "matrix", False)
     exact = drift.integrate(along, along.start(1e-8), 0.9, "tight", project=True)
     lost = drift.integrate(printed, printed.start(1e-8), 0.9, "tight")
-    expected = drift.History(exact.times, exact.theory["matrix"], {}, 0.0)
+    expected = drift.History(exact.times, exact.theory["matrix"], {})
     assert drift.time_to(lost, 1e-3) == pytest.approx(drift.time_to(expected, 1e-3), rel=0.02)
     at_rest = np.arccosh(1e-3 / 1e-8) / drift.rate_of(model, "matrix").real
     assert abs(drift.time_to(lost, 1e-3) / at_rest - 1.0) > 0.05  # the push matters, and the theory has it
@@ -151,7 +152,7 @@ def test_formulations_name_what_they_cannot_do():
 
 # --- fixed-step methods and the linearised spectrum -----------------------------------------------------------------
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", [name for name, method in methods.METHODS.items() if method.step])
 def test_a_step_has_the_stability_function_that_is_drawn(name):
     method = methods.METHODS[name]
     A = np.array([[-0.7, 2.0], [-1.5, -0.4]])
@@ -161,7 +162,7 @@ def test_a_step_has_the_stability_function_that_is_drawn(name):
     np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(step)), np.sort_complex(expected), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("name, order", [("euler", 1), ("rk4", 4), ("implicit_euler", 1), ("ros2", 2), ("ros2_large", 2)])
+@pytest.mark.parametrize("name, order", [("euler", 1), ("rk4", 4), ("ros2", 2), ("ros2_large", 2)])
 def test_stability_functions_have_their_methods_order(name, order):
     def error(z):
         return abs(methods.METHODS[name].stability(z) - np.exp(z))
@@ -231,14 +232,6 @@ def test_rk4_loses_the_equilibrium_where_the_spectrum_says(name, parameter, valu
     assert maps.largest_stable_step(model, "rk4", (0.5 * expected, 2.0 * expected)) == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.parametrize("where", ["kernel", "numpy"] if "rk4" in fields.METHODS else ["numpy"])
-def test_the_boundary_is_the_methods_wherever_it_runs(where):
-    model = maps.at(scene("three_bar"), "damping", 500.0)
-    expected = methods.boundary(methods.METHODS["rk4"].stability, spectrum.eigenvalues(model))
-    found = maps.largest_stable_step(model, "rk4", (0.5 * expected, 2.0 * expected), where)
-    assert found == pytest.approx(expected, rel=0.02)
-
-
 @pytest.mark.parametrize("parameter, value", [("damping", 1.0), ("damping", 1e5), ("stiffness", 1e2), ("stiffness", 1e7)])
 def test_ros2_holds_the_equilibrium_everywhere(parameter, value):
     model = maps.at(scene("three_bar"), parameter, value)
@@ -246,32 +239,41 @@ def test_ros2_holds_the_equilibrium_everywhere(parameter, value):
         assert maps.is_stable(model, "ros2", h, steps=400)
 
 
-@pytest.mark.skipif("rk4" not in fields.METHODS, reason="the kernel has no rk4")
+def test_a_run_is_long_enough_to_show_a_growth_at_every_step_of_the_maps():
+    for h in np.geomspace(*maps.STEPS, 21):
+        steps = maps.steps_given(h)
+        assert steps >= maps.RUN and steps * h >= maps.SPAN
+    model = maps.at(scene("three_bar"), "damping", 1e5)
+    edge = methods.boundary(methods.METHODS["rk4"].stability, spectrum.eigenvalues(model))
+    assert maps.is_stable(model, "rk4", 0.995 * edge) and not maps.is_stable(model, "rk4", 1.005 * edge)
+
+
 def test_far_beyond_its_boundary_a_step_ends_in_an_answer():
     """Not in a crash, so it runs in a process of its own; the map's corner at d = 1e4, 45 times the stable step."""
     code = ("import maps\n"
             "model = maps.at(maps.base('three_bar'), 'damping', 1e4)\n"
-            "print([maps.is_stable(model, 'rk4', h, where='kernel') for h in (3.1622776601683794e-3, 0.1)])")  # fmt: skip
+            "print([maps.is_stable(model, 'rk4', h) for h in (3.1622776601683794e-3, 0.1)])")  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "benchmarks" / "stability", capture_output=True, text=True)
     assert (done.returncode, done.stdout.strip()) == (0, "[False, False]"), done.stderr[-2000:]
 
 
 # --- the fixed-cost method on pushed scenes -------------------------------------------------------------------------
 
-def largest_factor(kept: float, true: float, damping: float) -> float:
-    """Of ROS2's step of 1 s on u'' = -true u - damping u', with `kept` as the stiffness in its Jacobian."""
+def largest_factor(method: str, kept: float, true: float, damping: float) -> float:
+    """Of a step of 1 s on u'' = -true u - damping u', with `kept` as the stiffness in the Jacobian."""
     A, J = np.array([[0.0, 1.0], [-true, -damping]]), np.array([[0.0, 1.0], [-kept, -damping]])
-    step = [methods.METHODS["ros2"].step(lambda y: A @ y, lambda y: J, y, 1.0) for y in np.eye(2)]
+    step = [methods.METHODS[method].step(lambda y: A @ y, lambda y: J, y, 1.0) for y in np.eye(2)]
     return np.abs(np.linalg.eigvals(np.array(step).T)).max()
 
 
-def test_ros2_is_stable_with_any_jacobian_that_keeps_enough_stiffness():
+@pytest.mark.parametrize("method", ["ros2", "ros2_large"])
+def test_ros2_is_stable_with_any_jacobian_that_keeps_enough_stiffness(method):
     span = np.geomspace(1e-4, 1e4, 9)  # h^2 k and h d
     for kept in span:
         for part in (1e-6, 0.01, 0.2, 0.5, 0.9, 1.0):
             for damping in (0.0, *span):
-                assert largest_factor(kept, part * kept, damping) <= 1.0 + 1e-12
-    assert largest_factor(1.0, 100.0, 0.0) > 2.0  # too little stiffness: lost
+                assert largest_factor(method, kept, part * kept, damping) <= 1.0 + 1e-12
+    assert largest_factor("ros2", 1.0, 100.0, 0.0) > 2.0  # too little stiffness: lost
 
 
 def test_an_exact_motion_gains_no_energy_and_an_unstable_one_does():
@@ -309,7 +311,8 @@ def test_ros2_has_order_two_across_transitions(damping):
 
 # --- extreme parameters ----------------------------------------------------------------------------------------------
 
-NAMED = {"finished", "unstable", "not_finite", "step_too_small", "work_limit", "chattering"}
+#: Cases whose fastest motion rk4's step of 1 ms does not hold.
+TOO_FAST_FOR_RK4 = {"d = 1e5", "k x 1000", "k x 1000, rest", "light bars", "six light bars"}
 
 
 @pytest.mark.parametrize("name", extremes.EXTREMES)
@@ -324,12 +327,14 @@ def test_extremes_finish_or_stop_with_a_named_error(name):
         assert rows[method]["transitions"] == pytest.approx(found["transitions"], abs=2)
     # Strings a thousand times as stiff oscillate within a step of ros2: it stays within the structure's size, no more.
     assert rows["ros2"]["status"] == "finished" and rows["ros2"]["error"] < (1.0 if "k x 1000" in name else 0.2)
-    assert rows["rk4"]["status"] in NAMED
+    assert rows["rk4"]["status"] == ("unstable" if name in TOO_FAST_FOR_RK4 else "finished")
+    assert name in TOO_FAST_FOR_RK4 or rows["rk4"]["error"] < 1e-3
 
 
-@pytest.mark.parametrize("name", ["d = 1e5", "light bars", "six light bars", "k x 1000"])
-def test_rk4_says_that_its_step_is_too_long(name):
-    assert extremes.trial(extremes.EXTREMES[name], "rk4").status == "unstable"
+def test_rk4s_energy_outputs_mean_nothing_where_a_transient_is_shorter_than_a_step():
+    coarse, fine = (extremes.trial(extremes.EXTREMES["as it is"], "rk4", step=step) for step in (1e-3, 1e-4))
+    assert coarse.ledger > 0.1 and fine.ledger < 1e-4
+    assert pushed_run.deviation(coarse, fine) < 3e-4
 
 
 def test_strings_at_their_rest_lengths_carry_nothing_at_the_start():
@@ -402,12 +407,30 @@ def test_with_strong_damping_stability_bounds_rk4s_step_before_accuracy_does():
     assert branch_two.resolving_step("rk4", 0.0) > 10.0 * step
 
 
-@pytest.mark.parametrize("method", [name for name in branch_two.STEPPED if name in fields.METHODS])
+def plain_steps(c, method, h, steps):
+    """u (m) over the snap of a case by the steps of `methods`, on the scalar equation."""
+
+    def stiffness(u):
+        return float(law.beam_stiffness(one_beam.Q, one_beam.ZETA, one_beam.H, u)) if u <= 2.0 * one_beam.H else one_beam.STOP
+
+    def f(y):
+        return np.array([y[1], (c.load - float(one_beam.force(y[0])) - c.damping * y[1]) / c.mass])
+
+    def jacobian(y):
+        return branch_two._damping_part(stiffness(y[0]) / c.mass, c.damping / c.mass)
+
+    states = [np.array([one_beam.EDGE.u_max, 0.0])]
+    for _ in range(steps):
+        states.append(methods.METHODS[method].step(f, jacobian, states[-1], h))
+    return np.array(states)[:, 0]
+
+
+@pytest.mark.parametrize("method", branch_two.STEPPED)
 def test_the_kernels_fixed_step_is_the_methods(method):
     c = branch_two.snap(1.0).c
-    own, plain = (branch_two.stepped(c, method, 0.004, 0.12, where) for where in ("kernel", "numpy"))
-    assert own.u[-1] > one_beam.H
-    np.testing.assert_allclose(own.u, plain.u, rtol=0, atol=1e-8)
+    own = branch_two.stepped(c, method, 0.004, 0.12).u
+    assert own[-1] > one_beam.H
+    np.testing.assert_allclose(own, plain_steps(c, method, 0.004, len(own) - 1), rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("delta", [0.0, 1.0, 10.0])
@@ -440,7 +463,74 @@ def test_the_scene_is_the_scalar_problem():
 # --- page and figures ------------------------------------------------------------------------------------------------
 
 def stored(name):
-    return json.loads((ROOT / "docs" / "figures" / f"stability_{name}.json").read_text(encoding="utf-8"))
+    return json.loads(common.stored(name).read_text(encoding="utf-8"))
+
+
+def row_of(rows, **wanted):
+    """The row of stored data whose values are nearly the wanted ones."""
+    return next(row for row in rows if all(row[key] == pytest.approx(value, rel=1e-5) for key, value in wanted.items()))
+
+
+def test_one_command_runs_every_study():
+    folder = Path(common.__file__).parent
+    written = {path.stem for path in folder.glob("*.py") if "def measure(" in path.read_text(encoding="utf-8")}
+    assert written == set(every.STUDIES)
+    page = (ROOT / "docs" / "stability.md").read_text(encoding="utf-8")
+    places = [page.index(f"<!-- {name}: written by") for name in every.STUDIES]
+    assert places == sorted(places)
+
+
+def test_branch_twos_data_can_be_measured_again():
+    data = stored("branch_two")
+    again, *_ = branch_two.dead_load_growth(masses=(0.3,), deltas=(1.0,))
+    assert again["rate"] == pytest.approx(row_of(data["growth"], mass=0.3, delta=1.0)["rate"], rel=1e-5)
+    step = branch_two.STEPS[-2]
+    kept = row_of([row for row in data["errors"] if row["method"] == "rk4"], delta=1.0, step=step)
+    assert branch_two.step_error(branch_two.snap(1.0), "rk4", step)["error"] == pytest.approx(kept["error"], rel=1e-3)
+
+
+def test_drifts_data_can_be_measured_again():
+    kept = stored("drift")["compression"]
+    again = drift.against_compression((float(np.geomspace(4.0, 500.0, 10)[5]),))
+    for row in again:
+        old = row_of([old for old in kept if old["form"] == row["form"]], compression=row["compression"])
+        assert row["time_to"] == pytest.approx(old["time_to"], rel=1e-4)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_the_maps_data_can_be_measured_again(number):
+    one = stored("maps")["maps"][number]
+    kept = one["methods"]["rk4"]["largest"][4]
+    model = maps.at(scene(one["scene"]), one["parameter"], kept["value"])
+    edge = methods.boundary(methods.METHODS["rk4"].stability, spectrum.eigenvalues(model))
+    assert edge == pytest.approx(kept["theory"], rel=1e-5)
+    again = maps.largest_stable_step(model, "rk4", (0.9 * kept["step"], 1.1 * kept["step"]))
+    assert again == pytest.approx(kept["step"], rel=2.0 * (maps.RESOLUTION - 1.0))
+
+
+def test_fixed_costs_data_can_be_measured_again():
+    data, k = stored("fixed_cost"), float(scene("three_bar").stiffness[0])
+    kept = row_of(data["over_step"], damping=500.0)
+    reference, _ = fixed_cost.references(500.0, k)
+    errors = [fixed_cost.error(reference, 500.0, k, step) for step in kept["steps"][4:8]]
+    assert errors == pytest.approx(kept["errors"][4:8], rel=1e-3)
+    again = fixed_cost.energies("two_bar", 500.0, 1e5)
+    old = row_of(next(one for one in data["maps"] if one["scene"] == "two_bar")["rows"], damping=500.0, stiffness=1e5)
+    assert (again["bounded"], again["transitions"]) == (old["bounded"], old["transitions"])
+    assert again["exact"] == pytest.approx(old["exact"], rel=1e-5)
+
+
+def test_the_extremes_data_can_be_measured_again():
+    kept = next(case for case in stored("extremes")["cases"] if case["case"] == "as it is")
+    again = {row["method"]: row for row in extremes.outcomes("as it is")["rows"]}
+    for old in kept["rows"]:
+        new = again[old["method"]]
+        assert (new["status"], new["transitions"]) == (old["status"], old["transitions"])
+        if old["method"] in extremes.FIXED:
+            assert new["error"] == pytest.approx(old["error"], rel=1e-3)
+        else:  # a compiler's last bits may change a step that is accepted narrowly
+            assert 0.1 * old["error"] < new["error"] < 10.0 * old["error"]
+            assert new["steps"] == pytest.approx(old["steps"], rel=0.05)
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -457,7 +547,7 @@ def test_figures_are_drawn_from_the_data(name, tmp_path):
     common.write(name, stored(name), STUDIES[name].draw, STUDIES[name].section, tmp_path)
     png, svg = ((tmp_path / "figures" / f"stability_{name}.{ending}").read_bytes() for ending in ("png", "svg"))
     assert len(xml.dom.minidom.parseString(svg).getElementsByTagName("text")) > 20
-    assert max(len(png), len(svg)) < 400_000
+    assert len(png) < 250_000 and len(svg) < 400_000
 
 
 def test_equal_data_give_equal_bytes(tmp_path):

@@ -31,13 +31,12 @@ typedef struct {
     int (*set_roots)(void *memory, int count, ARKRootFn g);
     int (*set_directions)(void *memory, int *direction);
     int (*set_no_warning)(void *memory);
-    int (*set_order)(void *memory, int order);
     void (*release)(void **memory);
 } family;
 
 #define FAMILY(X)                                                                                                         \
     {X##Evolve, X##Reset, X##GetRootInfo, X##GetNumSteps, X##GetNumErrTestFails, X##SetUserData, X##SStolerances,         \
-     X##SetMaxNumSteps, X##RootInit, X##SetRootDirection, X##SetNoInactiveRootWarn, X##SetOrder, X##Free}
+     X##SetMaxNumSteps, X##RootInit, X##SetRootDirection, X##SetNoInactiveRootWarn, X##Free}
 
 static const family erk = FAMILY(ERKStep), dirk = FAMILY(ARKStep);
 
@@ -123,8 +122,9 @@ static void set_up_common(solver *s, double tolerance)
     s->call->set_roots(s->memory, s->p->roots, sundials_distances);
     s->call->set_no_warning(s->memory);
     if (s->p->events == PEER_PLAIN) return;
-    for (int r = 0; r < s->p->roots; r++) s->found[r] = -1;
-    s->call->set_directions(s->memory, s->found); /* out of the piece only */
+    int *outward = sundials_outward(s->p->roots);
+    s->call->set_directions(s->memory, outward);
+    free(outward);
 }
 
 static void release(void *self)

@@ -55,13 +55,13 @@ class Article:
 
 
 def _measure(problem: Problem, article: Article, method: str, tolerance: float, repetitions: int, limit: float) -> Run:
-    seconds, times = [], np.linspace(0.0, problem.duration, INSTANTS + 1)
+    seconds, span, times = [], (0.0, problem.duration), np.linspace(0.0, problem.duration, INSTANTS + 1)
     for _ in range(repetitions):
         start = time.process_time()
         article.clock = Clock(limit)
         try:
             with np.errstate(all="ignore"):  # what is not finite shows in the result
-                sol = solve_ivp(article.rhs, (0.0, problem.duration), article.start, method, times, rtol=tolerance, atol=tolerance)
+                sol = solve_ivp(article.rhs, span, article.start, method, times, rtol=tolerance, atol=tolerance)
         except TimeoutError as failure:
             return Run([time.process_time() - start], failure=str(failure))
         seconds.append(time.process_time() - start)

@@ -43,8 +43,9 @@ static void set_up_roots(solver *s)
     CVodeRootInit(s->memory, s->p->roots, sundials_distances);
     CVodeSetNoInactiveRootWarn(s->memory);
     if (s->p->events == PEER_PLAIN) return;
-    for (int r = 0; r < s->p->roots; r++) s->found[r] = -1;
-    CVodeSetRootDirection(s->memory, s->found); /* out of the piece only */
+    int *outward = sundials_outward(s->p->roots);
+    CVodeSetRootDirection(s->memory, outward);
+    free(outward);
 }
 
 static void set_start(solver *s)

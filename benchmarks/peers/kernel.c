@@ -30,3 +30,21 @@ static int run(void *self, double *rows)
 static void release(void *self) { (void)self; }
 
 const peer_solver peer_kernel = {"kernel", make, begin, run, release};
+
+static void *make_alone(peer *p, const char *method, double tolerance)
+{
+    (void)tolerance;
+    return strcmp(method, "rhs") ? NULL : p;
+}
+
+/* Right-hand sides one after the other; the rows are the start. */
+static int run_alone(void *self, double *rows)
+{
+    peer *p = self;
+    for (int i = 0; i < PEER_RHS_CALLS; i++) ts_rhs(p->sim, 0.0, p->start, p->dy);
+    for (int k = 0; k < p->instants; k++) memcpy(rows + k * p->n, p->start, sizeof(double) * (size_t)p->n);
+    p->counts.rhs = PEER_RHS_CALLS;
+    return 0;
+}
+
+const peer_solver peer_alone = {"rhs", make_alone, begin, run_alone, release};

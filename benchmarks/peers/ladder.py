@@ -10,14 +10,14 @@ import numpy as np
 
 
 class Clock:
-    """Ends a run that takes longer than its limit (s): call it now and then, it raises TimeoutError."""
+    """Ends a run that takes longer than its limit (s of processor time): call it now and then, it raises TimeoutError."""
 
     def __init__(self, limit: float):
         self.limit = limit
-        self.deadline = time.perf_counter() + limit
+        self.deadline = time.process_time() + limit
 
     def __call__(self) -> None:
-        if time.perf_counter() > self.deadline:
+        if time.process_time() > self.deadline:
             raise TimeoutError(too_long(self.limit))
 
 
@@ -28,8 +28,8 @@ def too_long(limit: float) -> str:
 
 @dataclass
 class Run:
-    """seconds: processor time of every repetition; position: (21, N, D) m at the output instants, the start first; energy: (21,) J, or
-    None; counts: what the solver counted; failure: why there is no result."""
+    """seconds: processor time of every repetition; position: (21, N, D) m at the output instants, the start first; energy:
+    (21,) J, or None; counts: what the solver counted; failure: why there is no result."""
 
     seconds: list[float]
     position: np.ndarray | None = None
@@ -53,6 +53,15 @@ class Ladder:
     kind: str
     settings: tuple[float, ...]
     measure: Callable[[float, int, float], Run]
+
+
+#: Steps of the methods of fixed step, per second: they divide the time between two output instants of a problem of 1 s.
+STEPS_PER_SECOND = (100, 200, 400, 1000, 2000, 4000, 10000, 20000, 40000, 100000)
+
+
+def fixed_steps() -> tuple[float, ...]:
+    """Steps, s, the longest first."""
+    return tuple(1.0 / n for n in STEPS_PER_SECOND)
 
 
 def tolerances(loosest: float, tightest: float, per_decade: int = 1) -> tuple[float, ...]:

@@ -9,11 +9,9 @@ import numpy as np
 
 from problems import INSTANTS, Problem
 
-from .ladder import Clock, Ladder, Run
-from .native import fixed_steps
+from .ladder import Clock, Ladder, Run, fixed_steps
 
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
-STEPS_PER_INSTANT = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 #: Inertia of a thin bar about its own axis, which it never turns about, relative to that across; MuJoCo wants one.
 AXIAL = 1e-5
 
@@ -32,11 +30,13 @@ def _document(problem: Problem, integrator: str, step: float) -> str:
         )
     for (i, j), k, rest in zip(model.strings, model.stiffness, model.rest_length):
         tendons.append(
-            f'<spatial stiffness="{float(k)!r}" springlength="0 {float(rest)!r}"><site site="n{i}"/><site site="n{j}"/></spatial>'
+            f'<spatial stiffness="{float(k)!r}" springlength="0 {float(rest)!r}">'
+            f'<site site="n{i}"/><site site="n{j}"/></spatial>'
         )
     return (
         f'<mujoco><option integrator="{integrator}" timestep="{step!r}" gravity="0 0 {-model.gravity!r}">'
-        f'<flag contact="disable"/></option><worldbody>{"".join(bodies)}</worldbody><tendon>{"".join(tendons)}</tendon></mujoco>'
+        f'<flag contact="disable"/></option><worldbody>{"".join(bodies)}</worldbody>'
+        f'<tendon>{"".join(tendons)}</tendon></mujoco>'
     )
 
 
@@ -102,5 +102,5 @@ def ladders(problem: Problem) -> list[Ladder]:
     found = []
     for integrator in INTEGRATORS:
         measure = lambda step, n, limit, i=integrator: _measure(problem, i, step, n, limit)  # noqa: E731
-        found.append(Ladder("mujoco", integrator, False, "step", fixed_steps(problem, STEPS_PER_INSTANT), measure))
+        found.append(Ladder("mujoco", integrator, False, "step", fixed_steps(), measure))
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 from pathlib import Path
 
@@ -12,13 +13,13 @@ from problems import INSTANTS, Problem
 from tensegrity_core.fields import METHODS
 from tensegrity_core.model import to_bytes
 
-from .ladder import Ladder, Run, tolerances, too_long
+from .ladder import Ladder, Run, fixed_steps, tolerances, too_long
 from .toolchain import Tools
 
 #: Methods of the kernel whose step is its `max_step`; every other one has a tolerance.
 FIXED_STEP = {"rk4", "ros2"}
-#: Fractions of the time between two output instants, largest first.
-STEPS_PER_INSTANT = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
+#: Processor time that a job may take besides its repetitions, s; and how many times as long it may take by the wall clock.
+BESIDES, PATIENCE = 1.0, 10.0
 #: How transitions are treated; see peer.h.
 NO_EVENTS, DIRECTED, PLAIN = 0, 1, 2
 CVODE = ("cvode_bdf", "cvode_adams")
@@ -31,11 +32,6 @@ ARKODE = (
 UNTUNED = (*CVODE, "erk_4", "erk_5", "dirk_4", "dirk_5")
 #: Of interest without root finding.
 ACROSS = (*CVODE, "erk_ARKODE_CASH_KARP_6_4_5", "dirk_ARKODE_ESDIRK547L2SA2_7_4_5")
-
-
-def fixed_steps(problem: Problem, counts: tuple[int, ...] = STEPS_PER_INSTANT) -> tuple[float, ...]:
-    """Steps (s) that divide the time between output instants; the same for a long problem as for one of 1 s."""
-    return tuple(1.0 / INSTANTS / n for n in counts)
 
 
 class Bench:
@@ -55,16 +51,23 @@ class Bench:
         return path
 
     def run(self, method: str, model: Path, tolerance: float, events: int, repetitions: int, limit: float) -> Run:
-        """One job; its first run is not timed and comes on top of the repetitions."""
+        """One job; its first run is not timed and comes on top of the repetitions, unless it is a long one (main.c).  limit:
+        processor time of a run, s."""
         command = [str(self.tools.program), str(model), str(self.force), method, repr(float(tolerance)), str(events)]
         command += [repr(float(self.problem.duration)), str(INSTANTS), str(repetitions)]
+        most = repetitions * limit + BESIDES
+        command.append(repr(most))
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=(repetitions + 1) * limit)
+            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE * most)
         except subprocess.TimeoutExpired:
+            return Run([], failure=too_long(limit))
+        if done.returncode == -signal.SIGXCPU:
             return Run([], failure=too_long(limit))
         if done.returncode:
             raise SystemExit(f"command failed: {' '.join(command)}\n{done.stderr}")
         result = json.loads(done.stdout)
+        if max(result["seconds"], default=0.0) > limit:
+            return Run(result["seconds"], failure=too_long(limit))
         if result["status"]:
             return Run(result["seconds"], failure=f"{result['reason']} ({result['status']})")
         axes = len(self.problem.model.axes)
@@ -78,6 +81,11 @@ class Bench:
         model = self._packed(name, method=method, tolerance=tolerance, max_step=step)
         return self.run("kernel", model, tolerance, DIRECTED, repetitions, limit)
 
+    def rhs_seconds(self, repetitions: int = 20) -> float:
+        """Least processor time of a right-hand side at the start, s."""
+        run = self.run("rhs", self.model, 1.0, DIRECTED, repetitions, 10.0)
+        return min(run.seconds) / run.counts["rhs"]
+
 
 def kernel_ladders(bench: Bench) -> list[Ladder]:
     """Every method of the kernel."""
@@ -85,7 +93,7 @@ def kernel_ladders(bench: Bench) -> list[Ladder]:
     for method in METHODS:
         if method in FIXED_STEP:
             measure = lambda step, n, limit, m=method: bench.kernel(m, 1e-10, step, n, limit)  # noqa: E731
-            found.append(Ladder("kernel", method, True, "step", fixed_steps(bench.problem), measure))
+            found.append(Ladder("kernel", method, True, "step", fixed_steps(), measure))
         else:
             measure = lambda tol, n, limit, m=method: bench.kernel(m, tol, 0.0, n, limit)  # noqa: E731
             found.append(Ladder("kernel", method, True, "tolerance", tolerances(1e-3, 1e-12, 2), measure))
@@ -98,10 +106,13 @@ def _sundials(bench: Bench, family: str, method: str, events: int, per_decade: i
 
 
 def sundials_ladders(bench: Bench) -> list[Ladder]:
-    """CVODE and ARKODE, with root finding and without, and without tuning; none where SUNDIALS is missing."""
+    """CVODE and ARKODE, with root finding and without, and without tuning; none where SUNDIALS is missing.  All methods go
+    without root finding where there is nothing to find."""
     if bench.tools.sundials is None:
         return []
     families = {method: "cvode" if method in CVODE else "arkode" for method in (*CVODE, *ARKODE)}
+    if bench.problem.smooth:
+        return [_sundials(bench, family, method, NO_EVENTS, 2) for method, family in families.items()]
     found = [_sundials(bench, family, method, DIRECTED, 2) for method, family in families.items()]
     found += [_sundials(bench, families[method], method, NO_EVENTS, 1) for method in ACROSS]
     return found + [_sundials(bench, "plain", method, PLAIN, 2) for method in UNTUNED]

@@ -16,6 +16,7 @@
 enum { PEER_NO_EVENTS, PEER_DIRECTED, PEER_PLAIN };
 
 #define PEER_TOGETHER 1e-13 /* of the duration: two instants that are one */
+#define PEER_RHS_CALLS 10000 /* of the method `rhs`, which does nothing else */
 
 typedef struct {
     int64_t steps, rejected, rhs, jacobians, transitions;
@@ -45,7 +46,7 @@ typedef struct {
     void (*release)(void *self);
 } peer_solver;
 
-extern const peer_solver peer_kernel, peer_cvode, peer_erk, peer_dirk;
+extern const peer_solver peer_kernel, peer_alone, peer_cvode, peer_erk, peer_dirk;
 
 int peer_open(peer *p, const char *model, const char *force, int events, double duration, int instants);
 void peer_close(peer *p);

@@ -107,26 +107,33 @@ class Compiled:
         return position, self.library.peer_outputs(self.peer, self.at_x, position.ctypes.data)
 
 
-def _integrate(compiled: Compiled, method: str, tolerance: float, events: bool, duration: float):
-    """States at the output instants, and the counts; RuntimeError where SciPy gives up."""
+def integrate(
+    compiled: Compiled, method: str, tolerance: float, events: bool, duration: float, instants: np.ndarray | None = None
+) -> tuple[list[np.ndarray], dict[str, int]]:
+    """Begin `compiled` before.  States, (n,) each, at the instants (s, the first being 0), or at the ends of all steps; and the
+    counts, with "steps" in the latter case.  After an event SciPy starts anew.  RuntimeError where SciPy gives up,
+    TimeoutError where the clock does, ValueError where SciPy's linear algebra meets what is not finite."""
     watches = compiled.events() if events else None
     options = {"method": method, "rtol": tolerance, "atol": tolerance, "events": watches}
     if method in IMPLICIT:
         options["jac"] = compiled.jacobian
-    times, t, x = np.linspace(0.0, duration, INSTANTS + 1), 0.0, compiled.start
-    rows, counts = [], {"rhs": 0, "jacobians": 0, "transitions": 0}
+    t, x, rows = 0.0, compiled.start, []
+    counts = {"rhs": 0, "jacobians": 0, "transitions": 0} | ({"steps": 0} if instants is None else {})
     while t < duration:
-        sol = solve_ivp(compiled.rhs, (t, duration), x, t_eval=times[len(rows) :], **options)
+        left = None if instants is None else instants[len(rows) :]
+        sol = solve_ivp(compiled.rhs, (t, duration), x, t_eval=left, **options)
         rows += list(np.transpose(sol.y))  # [] where the event came before the next instant
         counts["rhs"] += int(sol.nfev)
         counts["jacobians"] += int(sol.njev)
+        if instants is None:
+            counts["steps"] += len(sol.t) - 1
         if sol.status < 0:
             raise RuntimeError(sol.message)
         if sol.status == 0:
             break
         first = max(range(len(watches)), key=lambda r: len(sol.t_events[r]))  # all that fired stopped at the same instant
         t, state = sol.t_events[first][-1], sol.y_events[first][-1]
-        found = np.array([len(instants) > 0 and instants[-1] == t for instants in sol.t_events], dtype=np.int32)
+        found = np.array([len(hits) > 0 and hits[-1] == t for hits in sol.t_events], dtype=np.int32)
         x = compiled.switch(state, found)
         counts["transitions"] += int(found.sum())
     return rows, counts
@@ -135,14 +142,15 @@ def _integrate(compiled: Compiled, method: str, tolerance: float, events: bool, 
 def _measure(
     bench: Bench, compiled: Compiled, method: str, tolerance: float, events: bool, repetitions: int, limit: float
 ) -> Run:
-    seconds = []
+    duration, seconds = bench.problem.duration, []
+    instants = np.linspace(0.0, duration, INSTANTS + 1)
     for _ in range(repetitions):
         compiled.begin(limit)
         start = time.process_time()
         try:
             with np.errstate(all="ignore"):  # a trial step may overflow
-                rows, counts = _integrate(compiled, method, tolerance, events, bench.problem.duration)
-        except (TimeoutError, RuntimeError, ValueError) as failure:  # ValueError: SciPy's linear algebra refuses what is not finite
+                rows, counts = integrate(compiled, method, tolerance, events, duration, instants)
+        except (TimeoutError, RuntimeError, ValueError) as failure:
             return Run([time.process_time() - start], failure=str(failure))
         seconds.append(time.process_time() - start)
     outputs = [compiled.outputs(x) for x in rows]
@@ -150,12 +158,16 @@ def _measure(
     return Run(seconds, position, np.array([energy for _, energy in outputs]), counts)
 
 
+def _ladder(bench: Bench, compiled: Compiled, method: str, events: bool) -> Ladder:
+    measure = lambda tol, n, limit: _measure(bench, compiled, method, tol, events, n, limit)  # noqa: E731
+    return Ladder("scipy", method, events, "tolerance", tolerances(1e-3, 1e-12), measure)
+
+
 def ladders(bench: Bench) -> list[Ladder]:
-    """SciPy's methods, with events and without."""
-    found = []
-    for events in (True, False):
-        compiled = Compiled(bench, events)
-        for method in METHODS if events else ACROSS:
-            measure = lambda tol, n, limit, c=compiled, m=method, e=events: _measure(bench, c, m, tol, e, n, limit)  # noqa: E731
-            found.append(Ladder("scipy", method, events, "tolerance", tolerances(1e-3, 1e-12), measure))
-    return found
+    """SciPy's methods, with events and without; all without where there is nothing to find."""
+    across = Compiled(bench, False)
+    if bench.problem.smooth:
+        return [_ladder(bench, across, method, False) for method in METHODS]
+    located = Compiled(bench, True)
+    found = [_ladder(bench, located, method, True) for method in METHODS]
+    return found + [_ladder(bench, across, method, False) for method in ACROSS]

@@ -10,5 +10,6 @@
 int sundials_rhs(realtype t, N_Vector x, N_Vector dx, void *user);
 int sundials_jacobian(realtype t, N_Vector x, N_Vector dx, SUNMatrix J, void *user, N_Vector a, N_Vector b, N_Vector c);
 int sundials_distances(realtype t, N_Vector x, realtype *g, void *user);
+int *sundials_outward(int roots); /* (roots) directions: only out of the piece, from plus to minus; copied by the solvers */
 
 #endif

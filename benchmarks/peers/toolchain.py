@@ -1,4 +1,5 @@
-"""Compile the peers with the kernel's own sources: a program that times them, and a library for SciPy.
+"""Compile C programs of the benchmarks with the kernel's own sources and flags; above all the peers: a program that times
+them, and a library for SciPy.
 
 SUNDIALS 6 (Debian: libsundials-dev) is needed for its rows only.
 """
@@ -25,8 +26,8 @@ class Tools(NamedTuple):
     sundials: str | None
 
 
-def _kernel_build():
-    """tensegrity_core/native/build.py, which is not part of the package."""
+def kernel_build():
+    """tensegrity_core/native/build.py as a module; it is not part of the package."""
     spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -43,22 +44,37 @@ def _sundials_version(compiler: list[str]) -> str | None:
     return version if version.startswith("6.") else None
 
 
+def compiler() -> list[str]:
+    """Command of the system's C compiler; SystemExit names the remedy where there is none."""
+    found = kernel_build().system_compiler()
+    if found is None:
+        raise SystemExit("no C compiler found; install one (Debian: apt-get install gcc) or set CC")
+    return found
+
+
+def kernel_sources(without: str = "") -> list[str]:
+    """Paths of the kernel's C files, but for one that is replaced."""
+    return sorted(str(path) for path in NATIVE.glob("*.c") if path.name != without)
+
+
+def compile_program(sources: list[str], target: Path, extra: list[str] | None = None) -> Path:
+    """An executable with the kernel's flags; extra: further arguments, such as libraries."""
+    flags = [flag for flag in kernel_build().FLAGS if flag != "-shared"] + [f"-I{NATIVE}", f"-I{HERE}"]
+    _compile([*compiler(), *flags, *sources, *(extra or []), "-lm", "-o", str(target)])
+    return target
+
+
 def _compile(command: list[str]) -> None:
     run = subprocess.run(command, capture_output=True, text=True)
     if run.returncode:
-        raise SystemExit(f"compiling the peers failed; command: {' '.join(command)}\n{run.stderr}")
+        raise SystemExit(f"compiling failed; command: {' '.join(command)}\n{run.stderr}")
 
 
 def build(folder: Path) -> Tools:
     """Compile into a folder, with the flags of the kernel.  Says so where SUNDIALS is missing."""
-    kernel_build = _kernel_build()
-    compiler = kernel_build.system_compiler()
-    if compiler is None:
-        raise SystemExit("no C compiler found; install one (Debian: apt-get install gcc) or set CC")
-    flags = [flag for flag in kernel_build.FLAGS if flag != "-shared"] + [f"-I{NATIVE}", f"-I{HERE}"]
-    kernel = sorted(str(path) for path in NATIVE.glob("*.c"))
-    plain = [str(HERE / name) for name in ("peer.c", "kernel.c")]
-    version = _sundials_version(compiler)
+    peer = str(HERE / "peer.c")
+    sources = [str(HERE / "main.c"), peer, str(HERE / "kernel.c"), *kernel_sources()]
+    version = _sundials_version(compiler())
     extra = []
     if version:
         extra = ["-DWITH_SUNDIALS", *(str(HERE / name) for name in SUNDIALS_SOURCES)]
@@ -66,6 +82,6 @@ def build(folder: Path) -> Tools:
     else:
         print(MISSING)
     program, library = folder / "peers", folder / "libpeers.so"
-    _compile([*compiler, *flags, str(HERE / "main.c"), *plain, *kernel, *extra, "-lm", "-o", str(program)])
-    _compile([*compiler, *flags, "-shared", "-fPIC", str(HERE / "peer.c"), *kernel, "-lm", "-o", str(library)])
+    compile_program(sources, program, extra)
+    compile_program([peer, *kernel_sources()], library, ["-shared", "-fPIC"])
     return Tools(program, library, version)

@@ -1,8 +1,8 @@
 """Shared by the studies of docs/stability.md: where results go, how figures are saved, how the page is written.
 
-A study is a script with `measure() -> dict`, `draw(data) -> Figure` and `section(data) -> str`.  `main` runs it and
-writes docs/figures/stability_NAME.json (the data, and what it was measured on), .png and .svg, and the study's part of
-docs/stability.md between its two marker comments, with every number taken from the data.
+A study is a script with `measure() -> dict`, `draw(data) -> Figure` and `section(data) -> str`.  `main` runs one and `all.py`
+runs all of them; each writes docs/figures/stability_NAME.json (the data, and what it was measured on), .png and .svg, and its
+part of docs/stability.md between two marker comments, with every number taken from the data.
 """
 
 from __future__ import annotations
@@ -11,15 +11,17 @@ import argparse
 import io
 import json
 import math
+import os
 import re
 import sys
 import textwrap
 from pathlib import Path
-from typing import Callable
+from typing import Callable, NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
@@ -31,8 +33,9 @@ DPI = 110
 TITLE = "# Stability: where methods fail\n"
 INTRODUCTION = """
 Every section is written by the script that it names, from the data beside its figure (`figures/stability_*.json`, which
-also say what they were measured on). `--redraw` draws a figure and its section again from that data. In all figures
-points are measured and lines are theory.
+also say what they were measured on). `python benchmarks/stability/all.py` measures everything again, in one order and from
+one commit; with `--redraw` it draws figures and sections again from the stored data, as each script does for its own. Points
+are measured; what a line is, its panel says. Durations are processor time.
 """
 
 #: Colours of the figures, and the marker's and the line's width in points.
@@ -83,9 +86,12 @@ def thinned(times: np.ndarray, rows: np.ndarray, count: int = 240) -> tuple[np.n
 
 
 def save(figure: Figure, stem: Path) -> None:
-    """Write stem.png and stem.svg, without dates, so that equal data give equal bytes."""
+    """Write stem.png (256 colours: half the bytes) and stem.svg, without dates, so that equal data give equal bytes."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(stem.with_suffix(".png"), dpi=DPI, metadata={"Software": None})
+    png = io.BytesIO()
+    figure.savefig(png, dpi=DPI)
+    few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(stem.with_suffix(".png"), optimize=True)  # maximum coverage: a colour that is rare stays
     svg = io.StringIO()
     figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
     stem.with_suffix(".svg").write_text(compact(svg.getvalue()), encoding="utf-8", newline="\n")
@@ -105,14 +111,18 @@ def compact(svg: str) -> str:
 
 
 def write_section(page: Path, name: str, text: str) -> None:
-    """Put a study's section on the page, in place of what its markers hold, else at the end."""
+    """Put a study's section on the page, in place of what its markers hold, else at the end; the page's head anew."""
     begin, end = f"<!-- {name}: written by benchmarks/stability/{name}.py -->", f"<!-- end of {name} -->"
     block = f"{begin}\n{text.strip()}\n{end}\n"
-    old = page.read_text(encoding="utf-8") if page.exists() else TITLE + INTRODUCTION
-    found = re.search(re.escape(begin) + r".*?" + re.escape(end) + r"\n", old, re.DOTALL)
-    new = old[: found.start()] + block + old[found.end() :] if found else old.rstrip("\n") + "\n\n" + block
+    old = page.read_text(encoding="utf-8") if page.exists() else ""
+    sections = old[old.index("<!-- ") :] if "<!-- " in old else ""
+    found = re.search(re.escape(begin) + r".*?" + re.escape(end) + r"\n", sections, re.DOTALL)
+    if found:
+        sections = sections[: found.start()] + block + sections[found.end() :]
+    else:
+        sections = "\n\n".join(part for part in (sections.rstrip("\n"), block) if part)
     page.parent.mkdir(parents=True, exist_ok=True)
-    page.write_text(new, encoding="utf-8", newline="\n")
+    page.write_text(TITLE + INTRODUCTION + "\n" + sections, encoding="utf-8", newline="\n")
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:
@@ -130,11 +140,25 @@ def wrapped(text: str, width: int = 124) -> str:
     )
 
 
-def provenance(data: dict) -> str:
-    """What the data were measured on, as a sentence."""
+def footer(name: str, data: dict) -> str:
+    """The last paragraph of a section: the commands, what the data were measured on, and what that took."""
     m = data["machine"]
     versions = f"Python {m['python']}, NumPy {m['numpy']}, SciPy {m['scipy']}"
-    return f"Measured on {m['processor']}, {m['system']}, {versions}, commit {m['commit']}, {m['date']}."
+    return (
+        f"Command: `python benchmarks/stability/{name}.py`, to redraw only: `python benchmarks/stability/{name}.py --redraw`. "
+        f"Measured on {m['processor']}, {m['system']}, {versions}, commit {m['commit']}, {m['date']}, "
+        f"in {data['seconds']:.0f} s."
+    )
+
+
+def processor_seconds() -> float:
+    """Processor time of this process and of its children, s."""
+    return sum(os.times()[:4])
+
+
+def stored(name: str, docs: Path = DOCS) -> Path:
+    """Where a study's data are."""
+    return docs / "figures" / f"stability_{name}.json"
 
 
 def write(name: str, data: dict, draw: Callable, section: Callable, docs: Path = DOCS) -> None:
@@ -144,17 +168,37 @@ def write(name: str, data: dict, draw: Callable, section: Callable, docs: Path =
     write_section(docs / "stability.md", name, section(data))
 
 
-def main(name: str, measure: Callable, draw: Callable, section: Callable) -> None:
-    """Command line of a study: measure and write everything, or with --redraw write everything from the stored data."""
-    parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
+class Arguments(NamedTuple):
+    """What the command line of a study says; ran_on: what it is measured on, empty where nothing is measured."""
+
+    redraw: bool
+    docs: Path
+    ran_on: dict
+
+
+def arguments(description: str) -> Arguments:
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--redraw", action="store_true", help="do not measure: draw and write from the stored data")
     parser.add_argument("--docs", type=Path, default=DOCS, help="folder that receives stability.md and figures/")
-    arguments = parser.parse_args()
-    stored = arguments.docs / "figures" / f"stability_{name}.json"
-    if not arguments.redraw:
-        data = plain({"machine": machine.describe(), **measure()})
-        stored.parent.mkdir(parents=True, exist_ok=True)
-        stored.write_text(json.dumps(data, separators=(",", ":")) + "\n", encoding="utf-8", newline="\n")
-    elif not stored.is_file():
-        parser.error(f"--redraw: {stored} is missing; run without --redraw first")
-    write(name, json.loads(stored.read_text(encoding="utf-8")), draw, section, arguments.docs)
+    found = parser.parse_args()
+    return Arguments(found.redraw, found.docs, {} if found.redraw else machine.describe())
+
+
+def carry_out(name: str, measure: Callable, draw: Callable, section: Callable, chosen: Arguments) -> None:
+    """Measure a study, or read its stored data, and write everything."""
+    path = stored(name, chosen.docs)
+    if not chosen.redraw:
+        begun = processor_seconds()
+        data = measure()
+        data = plain({"machine": chosen.ran_on, "seconds": processor_seconds() - begun, **data})
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(data, separators=(",", ":")) + "\n", encoding="utf-8", newline="\n")
+        print(f"{name}: {data['seconds']:.0f} s", flush=True)
+    elif not path.is_file():
+        raise SystemExit(f"--redraw: {path} is missing; run without --redraw first")
+    write(name, json.loads(path.read_text(encoding="utf-8")), draw, section, chosen.docs)
+
+
+def main(name: str, measure: Callable, draw: Callable, section: Callable) -> None:
+    """Command line of a study: measure and write everything, or with --redraw write everything from the stored data."""
+    carry_out(name, measure, draw, section, arguments(sys.modules["__main__"].__doc__))

@@ -5,14 +5,13 @@ python benchmarks/stability/drift.py [--redraw]
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 import common
 import numpy as np
 from formulations import Motion, growth_rate, problem
 from matplotlib.figure import Figure
-from pushed_run import ASIDE, UP, push
+from problems import PUSH_ASIDE, PUSH_UP, push
 from scipy.integrate import DOP853, RK45
 
 from tensegrity_core.model import Model
@@ -43,17 +42,16 @@ INTEGRATORS = {"tight": Integrator(DOP853, 1e-13, 1e-14, np.inf), "ode45": Integ
 
 
 class History(NamedTuple):
-    """times (K,) s; error (K, B): e / l^2; theory: form -> (K, B), or empty; seconds: how long it took."""
+    """times (K,) s; error (K, B): e / l^2; theory: form -> (K, B), or empty."""
 
     times: np.ndarray
     error: np.ndarray
     theory: dict
-    seconds: float
 
 
 def integrate(motion: Motion, y0, duration: float, integrator: str, project: bool = False) -> History:
     """Integrate until the duration (s) or until some bar has failed.  project: put every accepted step back on the bars."""
-    how, started = INTEGRATORS[integrator], time.perf_counter()
+    how = INTEGRATORS[integrator]
 
     def solver_at(t, y, first_step):
         first_step = min(first_step, how.max_step, duration - t)
@@ -74,7 +72,7 @@ def integrate(motion: Motion, y0, duration: float, integrator: str, project: boo
     error = np.array([motion.error(y) for y in states])
     expected = [motion.theory(y) for y in states] if motion.with_theory else []
     theory = {form: np.array([row[form] for row in expected]) for form in (expected[0] if expected else ())}
-    return History(np.array(times), error, theory, time.perf_counter() - started)
+    return History(np.array(times), error, theory)
 
 
 def measured_rate(history: History) -> float:
@@ -165,7 +163,7 @@ def run_variant(model: Model, name: str, duration: float, force=None, error: flo
     times, shown = common.thinned(history.times, worst, SHOWN)
     row = {"variant": name, "label": label, "times": times, "error": shown, "end_time": history.times[-1],
            "end_error": worst[-1], "largest": worst.max(), "rate": measured_rate(history), "steps": len(worst) - 1,
-           "time_to": [time_to(history, limit) for limit in LIMITS], "seconds": history.seconds}  # fmt: skip
+           "time_to": [time_to(history, limit) for limit in LIMITS]}  # fmt: skip
     return row, history
 
 
@@ -205,10 +203,10 @@ def pushed_runs(duration: float = 6.0, error: float = 1e-10, survivors: float = 
         begun = error if name in theory else 0.0
         row, run = run_variant(model, name, duration if name in theory else survivors, force, begun)
         if name in theory:
-            expected = History(history.times, history.theory[name], {}, 0.0)
+            expected = History(history.times, history.theory[name], {})
             row["theory_time_to"] = [time_to(expected, limit) for limit in LIMITS]
         rows.append(row)
-    return {"force_up": UP, "force_aside": ASIDE, "start": error, "theory": theory, "rows": rows}
+    return {"force_up": PUSH_UP, "force_aside": PUSH_ASIDE, "start": error, "theory": theory, "rows": rows}
 
 
 def tension(load: float = 20.0, error: float = 1e-8, periods: float = 3.0) -> list[dict]:
@@ -406,15 +404,16 @@ e(0) + ė(0) t for 50 s), and with a projection after every step the error is {p
 
 {common.table(header, table)}
 
-Runs end at 10 % or after {rest['duration']:.0f} s (pushed: 6 s for the first and third row). The push is 45 N up on the top
-nodes and 20 N aside on one of them; pushed, the first and third row start with e = {push['start']:.0e} l², so that e
+Runs end at 10 % or after {rest['duration']:.0f} s (pushed: 6 s for the first and third row). The push is
+{push['force_up']:g} N up on the top nodes and {push['force_aside']:g} N aside on one of them; pushed, the first and third row
+start with e = {push['start']:.0e} l², so that e
 integrated along the exact motion can be drawn over them (b: it passes 1e-3 at
 {_row(push, 'matrix')['theory_time_to'][0]:.2f} s and {_row(push, 'pinned')['theory_time_to'][0]:.2f} s). DOP853 is SciPy's,
 at tolerance 1e-13; ode45 stands for its pair in SciPy, RK45, with MATLAB's default tolerances (relative 1e-3, absolute 1e-6)
 and the article's step of 1 ms; both cross the transitions unlocated. e and f: the theory is linear, e(0) cosh, and start
 errors of 1e-16 are below what a coordinate can hold.
 
-Command: `python benchmarks/stability/drift.py`. {common.provenance(data)}
+{common.footer("drift", data)}
 """)
 
 

@@ -2,22 +2,20 @@
 
 python benchmarks/stability/maps.py [--redraw]
 
-A run starts a hair away from a taut equilibrium; its step is stable if the hair does not grow.  Methods that the kernel
-has run there (their step is the kernel's max_step); the others run in NumPy over the kernel's right-hand side.
+A run of the kernel starts a hair away from a taut equilibrium; its step (max_step) is stable if the hair does not grow.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 
 import common
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from methods import METHODS, backend, boundary, places
-from spectrum import coordinates, eigenvalues, kernel_at, node_tangent, retuned
+from methods import METHODS, boundary
+from spectrum import eigenvalues, kernel_at, node_tangent, retuned
 
 from tensegrity_core import reference
 from tensegrity_core.errors import SimulationError
@@ -34,8 +32,10 @@ STEPS = (1e-6, 1e-1)
 HELD = 500.0
 #: m: distance from the equilibrium at the start; 1e-7 m is the smallest stretch of a string on the maps.
 HAIR = 1e-12
-#: Growth of that distance at which a step counts as unstable, and the steps given for it.
-GROWTH, RUN = 1e3, 1500
+#: Growth of that distance at which a step counts as unstable; the steps given for it, and the time (s), whichever is longer.
+GROWTH, RUN, SPAN = 1e3, 1500, 0.1
+#: Steps between two looks at that distance.
+CHUNK = 25
 #: Factor between the ends of a bracket at which the search for the largest stable step ends.
 RESOLUTION = 1.002
 
@@ -60,41 +60,18 @@ def disturbed(model: Model, seed: int = 1) -> Model:
     return replace(model, nodes=nodes)
 
 
-def is_stable(model: Model, method: str, h: float, steps: int = RUN, where: str | None = None) -> bool:
-    """Whether a disturbance of the model's equilibrium does not grow by GROWTH within that many steps of h (s).
-
-    where: 'kernel' or 'numpy', by default the kernel if it has the method."""
-    run = _runs_in_kernel if (where or backend(method)) == "kernel" else _runs_in_numpy
-    return run(model, method, h, steps)
+def steps_given(h: float) -> int:
+    """How many steps of h (s) a run has before it counts as stable."""
+    return max(RUN, math.ceil(SPAN / h))
 
 
-def _runs_in_numpy(model: Model, method: str, h: float, steps: int) -> bool:
-    kernel, n = kernel_at(model), coordinates(kernel_at(model).state)
-    rest, ledger = kernel.state[:n], np.zeros(3)
-    kernel = kernel_at(disturbed(model))
-    y = kernel.state[: 2 * n]
-
-    def f(y):
-        return kernel.derivative(np.concatenate((y, ledger)))[: 2 * n]
-
-    def jacobian(y):
-        Jq, Jv, _ = kernel.jacobian(np.concatenate((y, ledger)))
-        return np.block([[np.zeros((n, n)), np.eye(n)], [Jq, Jv]])
-
-    step = METHODS[method].step
-    for _ in range(steps):
-        y = step(f, jacobian, y, h)
-        if not np.abs(y[:n] - rest).max() <= GROWTH * HAIR:
-            return False
-    return True
-
-
-def _runs_in_kernel(model: Model, method: str, h: float, steps: int) -> bool:
+def is_stable(model: Model, method: str, h: float, steps: int | None = None) -> bool:
+    """Whether a disturbance of the model's equilibrium does not grow by GROWTH in that many steps of h (s)."""
     kernel = kernel_at(disturbed(model), method=method, max_step=h)
     rest = kernel_at(model)["position"].copy()
     try:
-        for _ in range(steps):
-            kernel.step(h)
+        for _ in range(math.ceil((steps or steps_given(h)) / CHUNK)):
+            kernel.step(CHUNK * h)
             if not np.abs(kernel["position"] - rest).max() <= GROWTH * HAIR:
                 return False
     except SimulationError:
@@ -102,18 +79,18 @@ def _runs_in_kernel(model: Model, method: str, h: float, steps: int) -> bool:
     return True
 
 
-def largest_stable_step(model: Model, method: str, limits=(1e-7, 1.0), where: str | None = None) -> float:
+def largest_stable_step(model: Model, method: str, limits=(1e-7, 1.0)) -> float:
     """s: by bisection between `limits`; inf if the upper one is stable, 0 if the lower one is not.
 
-    Supposes one boundary: every step below it is stable, every step above it is not.  where: see `is_stable`."""
+    Supposes one boundary: every step below it is stable, every step above it is not."""
     low, high = limits
-    if is_stable(model, method, high, where=where):
+    if is_stable(model, method, high):
         return math.inf
-    if not is_stable(model, method, low, where=where):
+    if not is_stable(model, method, low):
         return 0.0
     while high / low > RESOLUTION:
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if is_stable(model, method, middle, where=where) else (low, middle)
+        low, high = (middle, high) if is_stable(model, method, middle) else (low, middle)
     return math.sqrt(low * high)
 
 
@@ -142,15 +119,14 @@ def measured(model: Model, parameter: str, method: str, columns: int, rows: int,
 
 
 def measure(columns: int = 16, rows: int = 21, points: int = 11, count: int = 81) -> dict:
-    started, maps = time.perf_counter(), []
+    maps = []
     for scene in SCENES:
         model = base(scene)
         for parameter in RANGE:
             runs = {name: measured(model, parameter, name, columns, rows, points) for name in MEASURED}
             maps.append({"scene": scene, "parameter": parameter, "theory": theory(model, parameter, count), "methods": runs,
                          "held": HELD if parameter == "stiffness" else float(model.stiffness[0])})  # fmt: skip
-    return {"maps": maps, "run": RUN, "growth": GROWTH, "hair": HAIR, "backend": {name: backend(name) for name in MEASURED},
-            "seconds": time.perf_counter() - started}  # fmt: skip
+    return {"maps": maps, "run": RUN, "span": SPAN, "growth": GROWTH, "hair": HAIR}
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -183,7 +159,8 @@ def _draw_spectrum(ax, one: dict) -> None:
     ax.plot(values, np.sort(-real), lw=0.9, color=LINE)
     oscillating = np.sort(imag)[:, -(imag.shape[1] // 2) :]
     ax.plot(values, np.where(oscillating > 0.0, oscillating, np.nan), lw=0.9, color=OTHER)
-    held = f"d = {one['held']:g}" if one["parameter"] == "stiffness" else f"k = {one['held']:g}"
+    other, unit = SYMBOL["damping" if one["parameter"] == "stiffness" else "stiffness"]
+    held = f"{other} = {one['held']:g} {unit}"
     ax.set(xscale="log", yscale="log", title=f"{one['scene']}, {held}")
 
 
@@ -230,32 +207,47 @@ def _rk4_rows(maps: list[dict]) -> list[list[str]]:
     return rows
 
 
+def edges(maps: list[dict], method: str) -> int:
+    """On how many of the spectra the theory gives a method a largest stable step."""
+    return sum(int(np.isfinite(common.numbers(one["theory"]["steps"][method])).sum()) for one in maps)
+
+
 def section(data: dict) -> str:
-    largest = [point for one in data["maps"] for point in one["methods"]["rk4"]["largest"]]
+    maps = data["maps"]
+    largest = [point for one in maps for point in one["methods"]["rk4"]["largest"]]
     worst = max(abs(point["step"] / point["theory"] - 1.0) for point in largest)
-    grids = [np.array(one["methods"]["ros2"]["stable"], dtype=bool) for one in data["maps"]]
+    grids = [np.array(one["methods"]["ros2"]["stable"], dtype=bool) for one in maps]
     total, unstable = sum(g.size for g in grids), sum(int((~g).sum()) for g in grids)
     verdict = "none of its runs grows" if not unstable else f"{unstable} of its runs grow"
+    spectra = sum(len(one["theory"]["values"]) for one in maps)
+    bounded = max(edges(maps, "ros2"), edges(maps, "ros2_large"))
+    edge = "on none" if not bounded else f"on {bounded}"
+    per_step, per_second = data["growth"] ** (1.0 / data["run"]) - 1.0, math.log(data["growth"]) / data["span"]
     return common.wrapped(f"""
 ## Step size against damping and stiffness
 
 ![Stable and unstable steps](figures/stability_maps.png)
 
-The largest step at which RK4 holds a taut equilibrium is the one that puts an eigenvalue λ of the linearised motion on the
-edge |R(hλ)| = 1 of its stability region: over both scenes, d = 1 … 1e5 and k = 1e2 … 1e7 it was measured within
-{100 * worst:.2g} % of that. ROS2 (Verwer, Spee, Blom and Hundsdorfer, "A second-order Rosenbrock method applied to
-photochemical dispersion problems", SIAM J. Sci. Comput. 20, 1999, DOI 10.1137/S1064827597326651) has no such edge in the left
-half plane, nor, mode by mode, with any Jacobian that has the true damping and at least the true stiffness, as the kernel's is
-meant to have: {verdict} on the {total} points of its maps, steps up to {STEPS[1]:g} s. (Runs that go slack and taut are
-another matter: see "ROS2 at 1 ms" below.)
+The largest step at which RK4 holds a taut equilibrium (rings) is the one that puts an eigenvalue λ of the linearised motion
+on the edge |R(hλ)| = 1 of its stability region (line): measured within {100 * worst:.2g} % of that for both scenes, d = 1 …
+1e5 and k = 1e2 … 1e7. ROS2 has no such edge, and {verdict} on the {total} points of its maps, with steps up to
+{STEPS[1]:g} s.
 
-{common.table(["scene", "at", "theory, ms", "measured, ms"], _rk4_rows(data["maps"]))}
+{common.table(["scene", "at", "theory, ms", "measured, ms"], _rk4_rows(maps))}
 
 The table is RK4's. k is the scene's while d changes, d = {HELD:g} N s/m while k changes, tensions are the equilibrium's
 throughout. A run begins {data['hair']:g} m from the equilibrium and counts as unstable if that distance grows
-{data['growth']:g}-fold within {data['run']} steps. {places(data['backend'])}.
+{data['growth']:g}-fold within {data['run']} steps or {data['span']:g} s, whichever is longer: a disturbance that grows by
+less than {100 * per_step:.2g} % a step and more slowly than at {per_second:.0f}/s is not seen.
 
-Command: `python benchmarks/stability/maps.py`. {common.provenance(data)}
+ROS2 is the method of Verwer, Spee, Blom and Hundsdorfer, "A second-order Rosenbrock method applied to photochemical
+dispersion problems", SIAM J. Sci. Comput. 20, 1999, DOI 10.1137/S1064827597326651, with γ = 1 − 1/√2, and with γ = 1 + 1/√2
+in a step that spans more than three radians of a string's oscillation ([methods.md](methods.md)): with either it is L-stable
+(the theory gives it an edge {edge} of {spectra} spectra), also, mode by mode, with any Jacobian that has the true damping and
+at least the true stiffness, as the kernel's is meant to have. The map is of small motions about a taut equilibrium; for runs
+that go slack and taut see "ROS2 at 1 ms" below.
+
+{common.footer("maps", data)}
 """)
 
 

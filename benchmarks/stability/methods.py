@@ -1,8 +1,9 @@
-"""Fixed-step methods: their stability functions, and one step of each in NumPy.
+"""Fixed-step methods: their stability functions, and one step on a linear problem.
 
 On y' = lambda y a step multiplies y by R(h lambda); it is stable where |R| <= 1.  ROS2 is the two-stage Rosenbrock method
 of Verwer, Spee, Blom and Hundsdorfer, "A second-order Rosenbrock method applied to photochemical dispersion problems",
 SIAM J. Sci. Comput. 20 (1999) 1456-1480, DOI 10.1137/S1064827597326651; with gamma = 1 +- 1/sqrt(2) it is L-stable.
+The kernel takes the larger one in a step that spans more than three radians of a string's oscillation.
 The others: Hairer and Wanner, "Solving Ordinary Differential Equations II", 1996, section IV.2.
 """
 
@@ -15,26 +16,20 @@ import common  # noqa: F401  (puts the project on the path)
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 
-from tensegrity_core import fields
-
-#: The kernel's gamma, which has the smaller error, and the other one.
+#: The gamma with the smaller error, and the one that damps more.
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 GAMMA_LARGE = 1.0 + 1.0 / math.sqrt(2.0)
 
 
 class Method(NamedTuple):
     """label; stability: R(z), elementwise; step: (f, jacobian, y, h) -> y after the step, f(y) and jacobian(y) being the
-    right-hand side and its derivative (which explicit methods ignore, and ROS2 needs only roughly to keep its order);
-    implicit: whether it solves a linear system."""
+    right-hand side and its derivative (which explicit methods ignore, and ROS2 needs only roughly to keep its order), None
+    where only R is of use; implicit: whether it solves a linear system."""
 
     label: str
     stability: Callable
-    step: Callable
+    step: Callable | None
     implicit: bool
-
-
-def _euler(f, jacobian, y, h):
-    return y + h * f(y)
 
 
 def _rk4(f, jacobian, y, h):
@@ -43,10 +38,6 @@ def _rk4(f, jacobian, y, h):
     k3 = f(y + 0.5 * h * k2)
     k4 = f(y + h * k3)
     return y + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-
-
-def _implicit_euler(f, jacobian, y, h):
-    return y + np.linalg.solve(np.eye(len(y)) - h * jacobian(y), h * f(y))
 
 
 def _ros2(gamma):
@@ -67,28 +58,11 @@ def _ros2_stability(gamma):
 
 
 METHODS = {
-    "euler": Method("explicit Euler", lambda z: 1.0 + z, _euler, False),
+    "euler": Method("explicit Euler", lambda z: 1.0 + z, None, False),
     "rk4": Method("RK4", lambda z: 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))), _rk4, False),
-    "implicit_euler": Method("linearly implicit Euler", lambda z: 1.0 / (1.0 - z), _implicit_euler, True),
     "ros2": Method("ROS2", _ros2_stability(GAMMA), _ros2(GAMMA), True),
     "ros2_large": Method("ROS2, γ = 1 + 1/√2", _ros2_stability(GAMMA_LARGE), _ros2(GAMMA_LARGE), True),
 }
-
-
-def backend(method: str) -> str:
-    """Where a method of `METHODS` is run: 'kernel' where the kernel has one of this name, else 'numpy'."""
-    return "kernel" if method in fields.METHODS else "numpy"
-
-
-def places(backends: dict[str, str]) -> str:
-    """Where the methods were run, as a sentence without its full stop.  backends: method -> `backend`."""
-    text = {"kernel": "in the kernel", "numpy": "in NumPy over the same right-hand side"}
-    parts = []
-    for place, words in text.items():
-        labels = [METHODS[name].label for name, at in backends.items() if at == place]
-        if labels:
-            parts.append(f"{' and '.join(labels)} ran {words}")
-    return ", ".join(parts)
 
 
 def boundary(stability: Callable, eigenvalues: np.ndarray) -> float:

@@ -67,11 +67,6 @@ def force(u):
     return np.where(u <= 2.0 * H, law.beam_force(Q, ZETA, H, np.maximum(u, 0.0)), 4.0 * Q + STOP * (u - 2.0 * H))
 
 
-def stiffness(u: float) -> float:
-    """Derivative of `force` at u (m), N/m."""
-    return float(law.beam_stiffness(Q, ZETA, H, max(u, 0.0))) if u <= 2.0 * H else STOP
-
-
 def model_at(c: Case, u: float, held: float | None = None) -> Model:
     """The scene with the beam at u (m), at rest.  held: m, elongation of the winding string there."""
     strings = {"beam": {"nodes": ["wall", "tip"], "stiffness": STOP, "damping": c.damping, "nsh": "one"}}

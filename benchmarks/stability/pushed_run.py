@@ -6,22 +6,11 @@ from typing import NamedTuple
 
 import common  # noqa: F401  (puts the project on the path)
 import numpy as np
+from problems import kernel_force, push
 
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
-
-#: N: force up on every top node, and force in x on the first of them.
-UP, ASIDE = 45.0, 20.0
-
-
-def push(model: Model, up: float = UP, aside: float = ASIDE) -> np.ndarray:
-    """(N, 3) N: `up` on the top nodes and `aside` in x on the first of them."""
-    force = np.zeros((len(model.nodes), 3))
-    top = np.flatnonzero(model.nodes[:, 2] > model.nodes[:, 2].max() - 0.01)
-    force[top, 2] = up
-    force[top[0], 0] = aside
-    return force
 
 
 class Run(NamedTuple):
@@ -40,14 +29,13 @@ class Run(NamedTuple):
 
 
 def run(model: Model, method: str, duration: float, points: int, at_rest_length=(), **settings) -> Run:
-    """The model under `push` from its start, with `points` communication steps.
+    """The model under the `push` of the benchmarks' problems from its start, with `points` communication steps.
 
     at_rest_length: strings whose rest length becomes their length at the start, to the last bit as the kernel computes it;
     settings: tolerance, max_step (the step of a fixed-step method), s."""
     kernel = Kernel(model, method=method, **settings)
-    free, axes = model.free_nodes, list(model.axes)
     force = push(model)
-    kernel["force"][:] = force[np.ix_(free, axes)].ravel()
+    kernel["force"][:] = kernel_force(model, force)
     kernel.initialize()
     if len(at_rest_length):
         kernel["rest_length"][list(at_rest_length)] = kernel["string_length"][list(at_rest_length)]
@@ -62,7 +50,7 @@ def run(model: Model, method: str, duration: float, points: int, at_rest_length=
         rows.append(_row(kernel))
     positions = np.array([row[0] for row in rows])
     kinetic, stored, balance, throughput = np.array([row[1:] for row in rows]).T
-    work = (positions - positions[0]) @ force[:, axes].ravel()
+    work = (positions - positions[0]) @ force[:, model.axes].ravel()
     ledger = float(np.max(np.abs(balance - balance[0]) / np.maximum(1.0, throughput)))
     return Run(status, kernel.time, positions, kinetic + stored - work, kinetic, ledger, kernel.stats)
 

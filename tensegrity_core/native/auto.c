@@ -13,11 +13,20 @@
 
 /* How many explicit steps an implicit one costs: measured on scenes of two to six bars and on towers, and fitted to the
  * blocks of the factor (its solves) over the strings (the right-hand side). */
-static double cost_of_implicit(const ts_sim *sim)
+static double cost_of(const ts_sim *sim, int method)
 {
     int D = sim->m.count[TS_D], S = sim->m.count[TS_S];
-    double of_radau9 = 1.5 + 0.12 * D * D * sim->pattern.entries / (S > 0 ? S : 1);
-    return sim->memory.active == TS_METHOD_RADAU9 ? of_radau9 : 1.0 + 0.3 * of_radau9;
+    double of_radau9 = 1.8 + 0.16 * D * D * sim->pattern.entries / (S > 0 ? S : 1);
+    return method == TS_METHOD_RADAU9 ? of_radau9 : 1.2 + 0.2 * of_radau9;
+}
+
+/* Steps of length h in what the present call allows: a whole number where it ends at its communication point, else per second. */
+static double steps(const ts_sim *sim, double h) { return sim->longest < INFINITY ? ceil(sim->longest / h) : 1.0 / h; }
+
+/* Are implicit steps of length h worth their cost, against explicit ones of the other length? */
+static int worth(const ts_sim *sim, int method, double h, double explicit_step)
+{
+    return steps(sim, h) * cost_of(sim, method) <= steps(sim, explicit_step);
 }
 
 static void return_to_explicit(ts_memory *memory, double h)
@@ -33,16 +42,17 @@ void ts_review_method(ts_sim *sim, double h)
     ts_memory *memory = &sim->memory;
     if (memory->method != TS_METHOD_AUTO) return;
     if (memory->active == TS_METHOD_DOP853) {
+        int implicit = sim->values[sim->m.at[TS_TOLERANCE]] <= TIGHT ? TS_METHOD_RADAU9 : TS_METHOD_RODAS5P;
         if (memory->stiff < memory->patience) return;
-        memory->active = sim->values[sim->m.at[TS_TOLERANCE]] <= TIGHT ? TS_METHOD_RADAU9 : TS_METHOD_RODAS5P;
+        if (!worth(sim, implicit, sim->longest, h)) return;
+        memory->active = implicit;
         memory->h_explicit = h;
         memory->h_next = fmax(memory->h_next, BOLD * h);
         memory->stiff = memory->worthwhile = 0;
         return;
     }
-    double enough = cost_of_implicit(sim) * memory->h_explicit;
-    memory->worthwhile |= h >= enough;
-    memory->stiff = memory->h_next < enough ? memory->stiff + 1 : 0;
+    memory->worthwhile |= worth(sim, memory->active, h, memory->h_explicit);
+    memory->stiff = worth(sim, memory->active, memory->h_next, memory->h_explicit) ? 0 : memory->stiff + 1;
     if (memory->stiff < CALM_SIGNS) return;
     memory->patience = memory->worthwhile ? TS_PATIENCE : 4 * memory->patience > MAX_PATIENCE ? MAX_PATIENCE : 4 * memory->patience;
     return_to_explicit(memory, memory->h_explicit);

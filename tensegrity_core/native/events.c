@@ -10,7 +10,7 @@
 #include <math.h>
 
 #define SAMPLES 8      /* of the dense output where a crossing is suspected */
-#define FEW_SAMPLES 3  /* where the elongation goes the same way at both ends */
+#define FEW_SAMPLES 3  /* where the elongation goes one way */
 
 /* Put a string on a piece. */
 void ts_place(ts_sim *sim, int i, int piece)
@@ -126,6 +126,42 @@ static double locate(const step *s, int which, double a, double b)
     return b;
 }
 
+/* The excess of clipping watch w has its largest value of the samples at b, between a and c: is it positive anywhere there?  A few
+ * parabolas; returns such a place, or 2. */
+static double peak(const step *s, int w, double a, double fa, double b, double fb, double c, double fc)
+{
+    for (int n = 0; n < 6 && fb <= 0.0; n++) {
+        double p = (b - a) * (fb - fc), q = (b - c) * (fb - fa), slope;
+        double x = b - 0.5 * ((b - a) * p - (b - c) * q) / (p - q);
+        if (!(x > a && x < c) || x == b) return 2.0;
+        double fx = excess_at(s, x, w, &slope);
+        if (fx > fb) {
+            if (x < b) c = b, fc = fb;
+            else a = b, fa = fb;
+            b = x, fb = fx;
+        } else if (x < b) a = x, fa = fx;
+        else c = x, fc = fx;
+    }
+    return fb > 0.0 ? b : 2.0;
+}
+
+/* First change of sign of a clipping watch in (0, last], or 2. */
+static double scan_clipping(const step *s, int w, double last)
+{
+    double a = 0.0, b = 0.0, fa = -INFINITY, slope, fb = excess_at(s, 0.0, w, &slope);
+    for (int n = 1; n <= SAMPLES; n++) {
+        double c = last * n / SAMPLES, fc = excess_at(s, c, w, &slope);
+        if (fb > fa && fb >= fc && n > 1) {
+            double between = peak(s, w, a, fa, b, fb, c, fc);
+            if (between < 2.0) return locate(s, w, a, between);
+        }
+        if (fc > 0.0) return locate(s, w, b, c);
+        a = b, fa = fb;
+        b = c, fb = fc;
+    }
+    return 2.0;
+}
+
 /* Place in (a, b) where the elongation turns: the root of its rate, by bisection and secant. */
 static double turning_point(const step *s, int i, double a, double ra, double b, double rb)
 {
@@ -139,19 +175,18 @@ static double turning_point(const step *s, int i, double a, double ra, double b,
     return 0.5 * (a + b);
 }
 
-/* First crossing of one watch in (0, last], or 2. */
-static double scan(const step *s, int which, double last, int samples)
+/* First time in (0, last] that a string leaves its piece, or 2. */
+static double scan(const step *s, int i, double last, int samples)
 {
     ts_sim *sim = s->sim;
-    int S = sim->m.count[TS_S], i = which % S;
     double a = 0.0, ra = sim->rate0[i];
     for (int n = 1; n <= samples; n++) {
         double b = last * n / samples, gap, rb;
         at_theta(s, b, i, &gap, &rb);
-        if (excess(sim, which, gap, rb) > 0.0) return locate(s, which, a, b);
-        if (which < S && ra * rb < 0.0) {
+        if (excess(sim, i, gap, rb) > 0.0) return locate(s, i, a, b);
+        if (ra * rb < 0.0) {
             double turn = turning_point(s, i, a, ra, b, rb), unused;
-            if (excess_at(s, turn, which, &unused) > 0.0) return locate(s, which, a, turn);
+            if (excess_at(s, turn, i, &unused) > 0.0) return locate(s, i, a, turn);
         }
         a = b;
         ra = rb;
@@ -159,13 +194,34 @@ static double scan(const step *s, int which, double last, int samples)
     return 2.0;
 }
 
-/* May the elongation have left its piece and come back?  Its tangents at the two ends meet beyond what it reached. */
+/* Does the elongation go one way only?  Of the cubic through both ends and their rates (Fritsch, Carlson, Monotone piecewise
+ * cubic interpolation, SIAM Journal on Numerical Analysis 17, 1980, doi:10.1137/0717021). */
+static int one_way(const ts_sim *sim, int i, double h)
+{
+    double rise = sim->gap1[i] - sim->gap0[i], r0 = h * sim->rate0[i], r1 = h * sim->rate1[i];
+    if (rise < 0.0) rise = -rise, r0 = -r0, r1 = -r1;
+    return r0 >= 0.0 && r1 >= 0.0 && r0 <= 3.0 * rise && r1 <= 3.0 * rise;
+}
+
+/* May the elongation have left its piece and come back?  If it turns once, its tangents at the two ends meet beyond what it
+ * reached. */
 static int may_graze(const ts_sim *sim, int i, double h)
 {
     double r0 = sim->rate0[i], r1 = sim->rate1[i];
-    if (!(r0 * r1 < 0.0)) return 0;
+    if (one_way(sim, i, h)) return 0;
+    if (!(r0 * r1 < 0.0)) {
+        double reach = h * (fabs(r0) + fabs(r1));
+        return fmax(sim->gap0[i], sim->gap1[i]) + reach > sim->hi[i] || fmin(sim->gap0[i], sim->gap1[i]) - reach < sim->lo[i];
+    }
     double meet = sim->gap0[i] + r0 * (sim->gap1[i] - sim->gap0[i] - r1 * h) / (r0 - r1);
     return meet > sim->hi[i] || meet < sim->lo[i];
+}
+
+/* May the tension of a string have changed its sign?  It did at a stage or at the end, or came closer to zero at the stages than
+ * it varied among them. */
+static int may_clip(const ts_sim *sim, int i)
+{
+    return sim->sign_changed[i] || sim->margin_low[i] < sim->margin_high[i] - sim->margin_low[i];
 }
 
 /* First transition in the step just accepted from tau to tau + h: theta in [0, 1] and the watch that crossed; -1: none.
@@ -181,14 +237,14 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
         int i = w % S;
         if (w >= S && !clips(sim, i)) continue;
         int crossed = excess(sim, w, sim->gap1[i], sim->rate1[i]) > 0.0;
-        int left = sim->gap_low[i] < sim->lo[i] || sim->gap_high[i] > sim->hi[i] || sim->sign_changed[i]; /* at some stage */
-        if (!crossed && !left && !(w < S && may_graze(sim, i, h))) continue;
+        int left = sim->gap_low[i] < sim->lo[i] || sim->gap_high[i] > sim->hi[i]; /* at some stage */
+        if (!crossed && !(w < S ? left || may_graze(sim, i, h) : may_clip(sim, i))) continue;
         if (!sim->dense_ready) {
             method->densify(sim, tau, h);
             sim->dense_ready = 1;
         }
-        int steady = w < S && sim->rate0[i] * sim->rate1[i] > 0.0;
-        double theta = scan(&s, w, first > 1.0 ? 1.0 : first, steady ? FEW_SAMPLES : SAMPLES);
+        double last = first > 1.0 ? 1.0 : first;
+        double theta = w < S ? scan(&s, i, last, one_way(sim, i, h) ? FEW_SAMPLES : SAMPLES) : scan_clipping(&s, w, last);
         if (theta > 1.0 && crossed && first > 1.0) theta = 1.0; /* dense output and end differ by round-off */
         if (theta < first) {
             first = theta;
@@ -204,6 +260,7 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
 static void change_piece(ts_sim *sim, double tau, int i, int piece)
 {
     ts_memory *memory = &sim->memory;
+    if (piece < 0 || piece > sim->curve[i].pieces + 1) return; /* there is none; plain strings have 0 and 1 */
     if (sim->transition_count < TS_MAX_TRANSITIONS)
         sim->transitions[sim->transition_count] =
             (ts_transition){memory->time + (tau + memory->time_low), i, sim->piece[i], piece, 0};
@@ -221,6 +278,7 @@ void ts_switch(ts_sim *sim, double tau, int which)
     sim->force_jumps = 0;
     for (int i = 0; i < S; i++) {
         double gap, rate, scale;
+        int before = sim->piece[i];
         ts_string_state(sim, tau, sim->y, i, &gap, &rate);
         if (i == which) {
             int up = gap - sim->hi[i] > sim->lo[i] - gap;
@@ -232,7 +290,7 @@ void ts_switch(ts_sim *sim, double tau, int which)
         } else if (i + S != which) {
             continue;
         }
-        if (i + S == which) sim->clipped[i] = !sim->clipped[i], sim->force_jumps = 1;
+        if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i], sim->force_jumps = 1;
         else if (clips(sim, i) && sim->piece[i] == 1 && !sim->clipped[i])
             sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
     }

@@ -7,6 +7,7 @@
 
 #define SAFETY 0.9
 #define LEAST_ERROR 1e-4 /* that the control remembers */
+#define LEAST_STEP 1e-22 /* of a call's length: less would not reach its end */
 #define SHRINK 0.2     /* smallest factor of the step after a rejection */
 #define RETAKES 8      /* attempts in a row after which a doubtful transition counts all the same */
 #define ROUND_OFF (8.0 * DBL_EPSILON)
@@ -15,6 +16,8 @@
 #define TS_METHOD(NAME, name) [TS_METHOD_##NAME] = &ts_##name,
 static const ts_method *const methods[TS_METHOD_COUNT] = {TS_METHODS(TS_METHOD)};
 #undef TS_METHOD
+
+int ts_fixed_step(int method) { return method != TS_METHOD_AUTO && (methods[method]->flags & TS_FIXED_STEP); }
 
 static int fail(ts_sim *sim, int status)
 {
@@ -105,6 +108,13 @@ static void to_the_end(ts_sim *sim, const ts_span *span)
     settle_ledger(sim, span, 1.0);
 }
 
+static int all_finite(const ts_sim *sim, const double *y)
+{
+    double sum = 0.0;
+    for (int i = 0; i < 2 * sim->m.nq; i++) sum += 0.0 * y[i];
+    return sum == 0.0;
+}
+
 /* Derivative at (tau, y) under the present pieces. */
 static void restart(ts_sim *sim, double tau)
 {
@@ -136,10 +146,13 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
     return doubtful;
 }
 
-/* Take the step again, shorter: positions and velocities on its dense output will agree better. */
-static void retake(ts_sim *sim, double h)
+/* Take the step again, shorter: positions and velocities on its dense output will agree better.  err_last, stiff: the memory of
+ * the control as it was before the step. */
+static void retake(ts_sim *sim, double h, double err_last, int stiff)
 {
-    sim->memory.span.h = 0.0;
+    sim->memory.span.h = sim->memory.joined = 0.0;
+    sim->memory.err_last = err_last;
+    sim->memory.stiff = stiff;
     sim->memory.h_next = SHRINK * h;
     sim->memory.stats[TS_STEPS]--;
     sim->memory.stats[TS_IMPLICIT_STEPS] -= (methods[sim->memory.active]->flags & TS_IMPLICIT) != 0;
@@ -147,7 +160,10 @@ static void retake(ts_sim *sim, double h)
     sim->memory.rejected++;
 }
 
-/* Go to where the open step ends or its first transition is.  Returns whether there was one. */
+enum { ENDED, SWITCHED, BROKEN };
+
+/* Go to where the open step ends or its first transition is.  Returns whether there was one; BROKEN: the state there is not
+ * finite. */
 static int close_span(ts_sim *sim, double tau)
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
@@ -156,45 +172,46 @@ static int close_span(ts_sim *sim, double tau)
     sim->jacobian_ready = 0;
     if (span.which >= 0) {
         state_at(sim, &span, span.reach);
+        if (!all_finite(sim, sim->y)) return BROKEN;
         sim->memory.stats[TS_RESTARTS]++;
         ts_switch(sim, tau, span.which);
         restart(sim, tau);
         ts_review_restart(sim, tau);
-        return 1;
+        return SWITCHED;
     }
     to_the_end(sim, &span);
     memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.stride);
     memcpy(sim->gap0, sim->gap1, bytes);
     memcpy(sim->rate0, sim->rate1, bytes);
     ts_review_method(sim, span.h);
-    return 0;
+    return ENDED;
 }
 
 static double span_end(const ts_span *span) { return span->start + span->reach * span->h; }
 
-/* A step left open by the last call: 1 if it serves this whole call, too; else go to its end. */
+/* A step left open by the last call: go to its end, or to the end of this call if the step serves it whole.  0: it is broken. */
 static int use_open_span(ts_sim *sim, double end, double *tau)
 {
     ts_span *span = &sim->memory.span;
     if (!(span->h > 0.0)) {
         restart(sim, 0.0);
-        return 0;
+        return 1;
     }
     sim->dense_ready = 1;
     if (span_end(span) > end * (1.0 + ROUND_OFF)) {
         state_at(sim, span, (end - span->start) / span->h);
         span->start -= end;
+        *tau = end;
         return 1;
     }
     *tau = fmin(span_end(span), end);
-    close_span(sim, *tau);
-    return 0;
+    return close_span(sim, *tau) != BROKEN;
 }
 
 /* The step to try: what the controller proposes, or the rest of a fixed grid's interval. */
 typedef struct {
     double end, longest;
-    int ahead;       /* steps may end past `end` */
+    int may_run_ahead, ahead; /* steps may end past `end`: as far as the inputs are concerned; by the present method, too */
     int64_t grid, n; /* fixed steps: how many, and the present one; time is derived from them */
     int splits;      /* transitions located in the present one */
 } plan;
@@ -215,22 +232,22 @@ static double next_step(const ts_sim *sim, const ts_method *method, plan *p, dou
     return h;
 }
 
+/* `auto` changes the method, and with it how far a step may go. */
+static void look_ahead(ts_sim *sim, const ts_method *method, plan *p)
+{
+    p->ahead = p->may_run_ahead && !(method->flags & (TS_FIXED_STEP | TS_CLIPPED));
+    sim->longest = p->ahead ? p->longest : fmin(p->longest, p->end);
+}
+
 static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
 {
     const ts_method *method = methods[sim->memory.active];
     double longest = sim->values[sim->m.at[TS_MAX_STEP]];
     int fixed = (method->flags & TS_FIXED_STEP) != 0;
     if (!(longest > 0.0)) longest = fixed ? FIXED_STEP : INFINITY;
-    plan p = {end, longest, may_run_ahead && !(method->flags & (TS_FIXED_STEP | TS_CLIPPED)), 1, 0, 0};
+    plan p = {end, longest, may_run_ahead, 0, 1, 0, 0};
     if (fixed) p.grid = (int64_t)fmin(fmax(ceil(end / longest * (1.0 - 1e-9)), 1.0), 4.0 * TS_MAX_STEPS);
     return p;
-}
-
-static int all_finite(const ts_sim *sim, const double *y)
-{
-    double sum = 0.0;
-    for (int i = 0; i < 2 * sim->m.nq; i++) sum += 0.0 * y[i];
-    return sum == 0.0;
 }
 
 /* Factor of the step by the errors of this one and of the one before (Hairer, Wanner, Solving Ordinary Differential Equations
@@ -246,6 +263,8 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
 {
     ts_memory *memory = &sim->memory;
     memset(sim->sign_changed, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
+    for (int i = 0; sim->m.damping_law == TS_TENSION_ONLY && i < sim->m.count[TS_S]; i++)
+        sim->margin_low[i] = INFINITY, sim->margin_high[i] = -INFINITY;
     memcpy(sim->gap_low, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
     memcpy(sim->gap_high, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
     sim->shrink = 0.1;
@@ -275,23 +294,27 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     double tau = 0.0;
     int stuck = 0;
     plan p = make_plan(sim, end, may_run_ahead);
-    if (use_open_span(sim, end, &tau)) return TS_OK;
     int fixed = (methods[memory->active]->flags & TS_FIXED_STEP) != 0;
+    look_ahead(sim, methods[memory->active], &p);
+    if (p.grid > TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
+    if (!use_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
     if (!all_finite(sim, sim->f0)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     for (int n = 0; tau < end; n++) {
-        int last;
+        int last, stiff = memory->stiff;
+        double err_last = memory->err_last;
         if (n >= TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
+        look_ahead(sim, method, &p);
         if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, p.ahead ? p.longest : fmin(end - tau, p.longest));
         double h = next_step(sim, method, &p, tau, &last);
-        if (!(h > 4.0 * DBL_EPSILON * (tau + h)) || !(h > DBL_MIN)) return fail(sim, TS_STEP_TOO_SMALL);
+        if (!(h > 4.0 * DBL_EPSILON * (tau + h)) || !(h > LEAST_STEP * end)) return fail(sim, TS_STEP_TOO_SMALL);
         if (!try_step(sim, method, tau, h, last)) {
             if (fixed) return fail(sim, TS_UNSTABLE);
             continue;
         }
         int locate = !sim->unlocated && (!method->splits || p.splits < method->splits);
         if (open_span(sim, method, tau, h, locate) && !fixed && memory->rejected < RETAKES) {
-            retake(sim, h);
+            retake(sim, h, err_last, stiff);
             continue;
         }
         memory->rejected = 0;
@@ -302,10 +325,12 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
             return TS_OK;
         }
         if (end - reached <= ROUND_OFF * end) reached = end; /* no step fits between a transition and the end */
-        if (close_span(sim, reached)) {
+        int how = close_span(sim, reached);
+        if (how == BROKEN) return fail(sim, fixed ? TS_UNSTABLE : TS_NOT_FINITE);
+        if (how == SWITCHED) {
             stuck = reached > tau ? 0 : stuck + 1;
             p.splits++;
-            if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, TS_CHATTERING);
+            if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, fixed ? TS_UNSTABLE : TS_CHATTERING);
         } else {
             stuck = 0;
             if (!locate && !sim->unlocated) {

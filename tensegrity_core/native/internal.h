@@ -40,6 +40,7 @@ typedef struct {
     double *scale;   /* (P) subintervals per metre */
     double *table;   /* rows of TS_ROW: J, then N */
     double force_end, energy_end; /* at the last end: N, J */
+    double reach;    /* rows past a piece's ends where its formula becomes a straight line */
 } ts_curve;
 
 typedef struct {
@@ -159,6 +160,7 @@ struct ts_sim {
     double *node_force;      /* (N, D) N */
     double *gap_low, *gap_high; /* (lanes) extremes of the elongation since the attempt began, m */
     int32_t *sign_changed;      /* (S) tension_only: a stage saw the tension with the other sign */
+    double *margin_low, *margin_high; /* (S) tension_only: extremes of the tension at the stages, minus it where clipped, N */
 
     /* workspace */
     double *gap0, *rate0;        /* (S) at the start of a step */
@@ -177,6 +179,7 @@ struct ts_sim {
     double *ft, *lin;            /* (nq), (6 nq) */
     double *backup;       /* (n_real + n_applied + 2 n_inputs + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
+    double longest;         /* s, step that the present call allows */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
     int32_t force_jumps;    /* the last transition made the force of a damper jump */
     int32_t dense_ready;    /* densify() has been called for the step at hand */
@@ -274,6 +277,7 @@ double ts_clipped_energy(const ts_sim *sim, double tau);
 /* integrate.c */
 int ts_integrate(ts_sim *sim, double h, int may_run_ahead);
 void ts_close_span(ts_sim *sim);
+int ts_fixed_step(int method);
 
 /* auto.c */
 void ts_review_method(ts_sim *sim, double h);

@@ -192,7 +192,10 @@ static void clip(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         if (sim->piece[i] == 0) continue;
-        if ((sim->fs[i] + sim->fd[i] < 0.0) != (sim->clipped[i] != 0)) sim->sign_changed[i] = 1;
+        double T = sim->fs[i] + sim->fd[i], margin = sim->clipped[i] ? -T : T;
+        if ((T < 0.0) != (sim->clipped[i] != 0)) sim->sign_changed[i] = 1;
+        if (margin < sim->margin_low[i]) sim->margin_low[i] = margin;
+        if (margin > sim->margin_high[i]) sim->margin_high[i] = margin;
         if (sim->clipped[i]) sim->fs[i] = sim->fd[i] = 0.0;
     }
 }

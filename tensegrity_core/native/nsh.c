@@ -279,6 +279,14 @@ static const double *curve_row(const ts_curve *c, int piece, double x, double *t
     return c->table + TS_ROW * (c->first[p] + i);
 }
 
+/* `reach` rows past a piece's ends its formula goes on as a straight line.  Takes from t what lies beyond. */
+static double beyond(const ts_curve *c, double *t)
+{
+    double excess = *t < -c->reach ? *t + c->reach : *t > 1.0 + c->reach ? *t - 1.0 - c->reach : 0.0;
+    *t -= excess;
+    return excess;
+}
+
 /* Elastic tension (N) on a piece, continued past its ends, and its derivative (N/m). */
 double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *stiffness)
 {
@@ -292,13 +300,13 @@ double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *
     }
     double t;
     const double *row = curve_row(c, piece, x, &t) + 1;
-    double f = row[TS_DEGREE], d = 0.0;
+    double f = row[TS_DEGREE], d = 0.0, straight = beyond(c, &t);
     for (int i = TS_DEGREE - 1; i >= 0; i--) {
         d = d * t + f;
         f = f * t + row[i];
     }
     *stiffness = d * c->scale[piece - 1];
-    return f;
+    return f + d * straight;
 }
 
 /* Stored energy (J): the integral of ts_curve_force. */
@@ -309,8 +317,10 @@ double ts_curve_energy(const ts_curve *c, int piece, double x, double k)
         double y = x - c->end[c->pieces];
         return c->energy_end + y * (c->force_end + 0.5 * k * y);
     }
-    double t, sum = 0.0;
+    double t, sum = 0.0, slope;
     const double *row = curve_row(c, piece, x, &t);
+    double straight = beyond(c, &t), scale = c->scale[piece - 1], force = ts_curve_force(c, piece, x, k, &slope);
     for (int i = TS_DEGREE; i >= 0; i--) sum = sum * t + row[1 + i] / (i + 1);
-    return row[0] + sum * t / c->scale[piece - 1];
+    double past = straight == 0.0 ? 0.0 : straight * (force - 0.5 * slope * straight / scale);
+    return row[0] + (sum * t + past) / scale;
 }

@@ -1,6 +1,7 @@
 /* The public interface: life cycle, checks, steps that leave no trace when they fail, saved states. */
 #include "internal.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -165,6 +166,14 @@ int ts_check(ts_sim *sim, int32_t *index)
     return TS_OK;
 }
 
+/* Steps under error control see the formula of a piece go on smoothly past its ends.  A fixed step that is far too long would see a
+ * polynomial of high degree explode there. */
+static void set_reach(ts_sim *sim)
+{
+    double reach = ts_fixed_step(sim->memory.method) ? 1.0 : INFINITY;
+    for (int i = 0; i < sim->m.count[TS_S]; i++) sim->curve[i].reach = reach;
+}
+
 static void set_pieces(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) ts_place(sim, i, sim->piece[i]);
@@ -191,6 +200,7 @@ int ts_initialize(ts_sim *sim, double time)
     sim->memory.patience = TS_PATIENCE;
     sim->memory.method = method;
     sim->memory.started = 1;
+    set_reach(sim);
     sim->transition_count = 0;
     memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
     ts_project(sim, sim->y);
@@ -257,7 +267,7 @@ static int check_change(ts_sim *sim, double h)
         return TS_BAD_INPUT;
     }
     for (int i = 0; i < m->count[TS_S]; i++)
-        if (sim->rest_moves && shortest_rest_length(sim, i, h) < 0.0) {
+        if (sim->rest_moves && shortest_rest_length(sim, i, h) < -4.0 * DBL_EPSILON * sim->rest[i]) {
             say(sim, "a rest length would become negative within the step");
             return TS_BAD_INPUT;
         }
@@ -390,6 +400,7 @@ static void swap_back(ts_sim *sim)
 /* What a step derives from inputs and parameters. */
 static void derive(ts_sim *sim)
 {
+    set_reach(sim);
     ts_prepare(sim);
     set_pieces(sim);
 }
