@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from fmu_src.cross_check import write_cross_check
 from fmu_src.native_fmu import here, pack_native_fmu
 from fmu_src.pack import fmi_platform, pack_python_fmu
 from fmu_src.report import write_report
@@ -25,6 +26,10 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
     targets = f"{', '.join(TARGETS)}, or all"
     parser.add_argument("--platforms", default="", metavar="NAMES", help=f"of native FMUs, beside this one: {targets}")
+    parser.add_argument("--sources", action="store_true", help="native FMUs that can be compiled from their sources, too")
+    simple = "FMUs with Real outputs and no enumeration, for tools that know no others"
+    parser.add_argument("--simple-types", action="store_true", help=simple)
+    parser.add_argument("--cross-check", type=Path, metavar="DIR", help="write cross-check bundles of native FMUs, too")
     parser.add_argument("--output", type=Path, default=Path("dist"), metavar="DIR", help="default: dist")
     namings = ("structured", "flat")
     parser.add_argument("--naming", choices=namings, default="structured", help="n4.force.x or n4_force_x")
@@ -38,6 +43,8 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
         found.scenes = [*builtin_scenes(), *found.scenes]
     if not found.scenes:
         parser.error("name a scene, or give --all")
+    if found.simple_types and found.validate:
+        parser.error("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
     return found
 
 
@@ -54,6 +61,9 @@ def main(words: list[str] | None = None) -> int:
             for runtime in runtimes:
                 built[name, runtime] = pack(model, runtime, options)
                 print(f"wrote {built[name, runtime]}", flush=True)
+            if options.cross_check:
+                place = write_cross_check(model, options.cross_check, options.naming, options.cache, **contents(options))
+                print(f"wrote {place}", flush=True)
     except (TensegrityError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -67,8 +77,13 @@ CHECKS = {"native": here, "python": fmi_platform}
 def pack(model: Model, runtime: str, options: argparse.Namespace) -> Path:
     path = options.output / runtime / f"{model.name}.fmu"
     if runtime == "python":
-        return pack_python_fmu(model, path, options.naming)
-    return pack_native_fmu(model, path, options.naming, options.platforms)
+        return pack_python_fmu(model, path, options.naming, simple=options.simple_types)
+    return pack_native_fmu(model, path, options.naming, **contents(options))
+
+
+def contents(options: argparse.Namespace) -> dict:
+    """What may be in native FMUs, see native_fmu.Contents."""
+    return {"platforms": options.platforms, "sources": options.sources, "simple": options.simple_types}
 
 
 def unique(models: list) -> dict:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree as XML
 
 from tensegrity_core.fields import METHOD_MEANINGS
@@ -37,12 +37,13 @@ LOG_CATEGORIES = {
 @dataclass(frozen=True)
 class Runtime:
     """What differs between the runtimes.  name: 'python' or 'native'; tool: what made the FMU; capabilities: attributes of
-    the CoSimulation element beside CAPABILITIES; categories: of the log."""
+    the CoSimulation element beside CAPABILITIES; categories: of the log; sources: files to compile, in sources/."""
 
     name: str
     tool: str
     capabilities: dict[str, bool | int] = field(default_factory=dict)
     categories: dict[str, str] = field(default_factory=lambda: dict(LOG_CATEGORIES))
+    sources: tuple[str, ...] = ()
 
 
 #: What every FMU of this project can do.
@@ -92,8 +93,11 @@ def model_description(
     slave = XML.SubElement(root, "CoSimulation", modelIdentifier=identifier)
     for name, value in capabilities.items():
         slave.set(name, _text(value))
+    if runtime.sources:
+        _add_files(XML.SubElement(slave, "SourceFiles"), "File", runtime.sources)
     _add_units(root, {row.unit for row in table if row.unit})
-    _add_method_type(root)
+    if any(row.kind == "Enumeration" for row in table):
+        _add_method_type(root)
     categories = XML.SubElement(root, "LogCategories")
     for name, meaning in runtime.categories.items():
         XML.SubElement(categories, "Category", name=name, description=meaning)
@@ -104,6 +108,25 @@ def model_description(
     _add_structure(root, table)
     XML.indent(root)
     return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
+
+
+def build_description(identifier: str, sources: tuple[str, ...]) -> bytes:
+    """sources/buildDescription.xml: how to compile the FMU from its sources, for tools that know this format of FMI 3.0."""
+    root = XML.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = XML.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
+    _add_files(XML.SubElement(configuration, "SourceFileSet", language="C99"), "SourceFile", sources)
+    XML.SubElement(configuration, "Library", name="m", external="true", description="mathematical functions of C, on Unix")
+    XML.indent(root)
+    return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
+
+
+def plain(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """The table for tools that know no enumerations and read every output as a Real: the enumeration becomes an Integer, and
+    the Integer outputs, which come last, are left out."""
+    kept = [row for row in table if row.kind != "Integer" or row.causality != "output"]
+    if [row.reference for row in kept] != list(range(len(kept))):
+        raise ValueError("an Integer output stands between other variables, whose indices would change")
+    return tuple(replace(row, kind="Integer") if row.kind == "Enumeration" else row for row in kept)
 
 
 def content_guid(description_without_guid: bytes, files: dict[str, bytes]) -> str:
@@ -120,6 +143,11 @@ def _text(value: bool | int | float | str) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value) if isinstance(value, float) else str(value)
+
+
+def _add_files(parent: XML.Element, tag: str, names: tuple[str, ...]) -> None:
+    for name in names:
+        XML.SubElement(parent, tag, name=name)
 
 
 def _add_units(root: XML.Element, used: set[str]) -> None:

@@ -1,7 +1,8 @@
 """Packs the native FMU: a library that needs nothing of the target, and the scene's data in resources/.
 
 The library is the same for every scene: kernel and FMI functions, compiled when this package was installed.  Building an FMU
-only copies it under the scene's name.  Libraries for other platforms are compiled by ``ziglang`` where it is installed.
+only copies it under the scene's name.  Libraries for other platforms are compiled by ``ziglang`` where it is installed, and
+the sources can go along, for targets that have a compiler of their own.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import importlib.util
 import platform
 import struct
 import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +21,9 @@ import tensegrity_core
 from tensegrity_core.model import Model, to_bytes
 from tensegrity_core.native import build
 
+from . import terminals
 from .interface import Variable, variables
-from .model_description import LOG_CATEGORIES, Runtime
+from .model_description import LOG_CATEGORIES, Runtime, build_description, plain
 from .pack import PackError, complete, write_zip
 
 HERE = Path(__file__).parent
@@ -36,6 +40,16 @@ HOSTS = {
 #: What the native FMU logs beside LOG_CATEGORIES; in the order of the enumeration in native_runtime/instance.h.
 SOLVER_CATEGORY = {"logSolver": "what the integrator did, at fmi2Terminate"}
 
+#: Suffixes of files that the compiler reads.
+SOURCES = {".c", ".h", ".def"}
+
+#: Stands above the kernel's public header in sources/, because importers pass no definitions for FMI 2.0.
+INTERNAL = b"""#ifndef TS_INTERNAL
+#define TS_INTERNAL /* part of an FMU: nothing of the kernel is exported */
+#endif
+
+"""
+
 #: In which modes a variable may be set, as the bits of native_runtime/instance.h: instantiated 1, initialization 2, steps 4.
 SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0}
 
@@ -48,15 +62,27 @@ def here() -> str:
     return HOSTS[key]
 
 
-def pack_native_fmu(model: Model, destination: Path, naming: str = "structured", platforms: tuple[str, ...] = ()) -> Path:
+@dataclass(frozen=True)
+class Contents:
+    """What may differ between native FMUs of a model.  naming: 'structured' or 'flat'; platforms: keys of build.TARGETS,
+    compiled by ziglang, beside the one that runs this (if that is named, it is compiled anew, for old systems too); sources:
+    pack them; simple: without types that some tools do not know, see model_description.plain."""
+
+    naming: str = "structured"
+    platforms: tuple[str, ...] = ()
+    sources: bool = False
+    simple: bool = False
+
+
+def pack_native_fmu(model: Model, destination: Path, naming: str = "structured", **contents) -> Path:
     """Write the native FMU of a model; returns its path.
 
-    destination: the .fmu file; naming: 'structured' or 'flat'; platforms: beside the one that runs this, keys of
-    build.TARGETS, compiled by ziglang.  Raises PackError.
+    destination: the .fmu file; naming and contents: see Contents.  Raises PackError.
     """
+    chosen = Contents(naming, **contents)
     libraries = {here(): HERE / "native_runtime" / build.FMU_LIBRARY}
-    libraries |= {name: cross_compiled(name) for name in platforms if name not in libraries}
-    write_zip(destination, native_fmu_files(model, naming, libraries))
+    libraries |= {name: cross_compiled(name) for name in chosen.platforms}
+    write_zip(destination, native_fmu_files(model, chosen, libraries))
     return destination
 
 
@@ -65,7 +91,7 @@ def cross_compiled(name: str) -> Path:
     if name not in build.TARGETS:
         raise PackError(f"platform {name!r}: use one of {', '.join(build.TARGETS)}")
     target = HERE.parent / "build" / "native" / name / f"tensegrity_fmu{build.TARGETS[name].suffix}"
-    sources = [path for folder in (build.HERE, build.RUNTIME) for path in folder.iterdir() if path.suffix in {".c", ".h", ".def", ".py"}]
+    sources = [path for folder in (build.HERE, build.RUNTIME) for path in folder.iterdir() if path.suffix in SOURCES | {".py"}]
     if target.is_file() and target.stat().st_mtime > max(path.stat().st_mtime for path in sources):
         return target
     if importlib.util.find_spec("ziglang") is None:
@@ -76,23 +102,43 @@ def cross_compiled(name: str) -> Path:
         raise PackError(str(error)) from error
 
 
-def native_fmu_files(model: Model, naming: str, libraries: dict[str, Path]) -> dict[str, bytes]:
-    """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file."""
-    table = variables(model, naming)
+def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:
+    """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file.  Raises PackError."""
+    table = variables(model, contents.naming)
     files = {"resources/model.bin": to_bytes(model), "resources/variables.bin": variables_bin(model, table, "")}
+    files[terminals.PATH] = terminals.terminals(model, table)
     for name, library in libraries.items():
         if not library.is_file():
             raise PackError(f"{library} is missing; install this package anew: pip install -e .")
         files[f"binaries/{name}/{model.name}{library.suffix}"] = library.read_bytes()
+    sources = source_files(model.name) if contents.sources else {}
+    files |= {f"sources/{name}": content for name, content in sources.items()}
     runtime = Runtime(
         "native",
         f"tensegrity {tensegrity_core.__version__}",
         {"canInterpolateInputs": True, "maxOutputDerivativeOrder": 1},
         categories={**LOG_CATEGORIES, **SOLVER_CATEGORY},
+        sources=compiled_of(sources),
     )
-    guid = complete(files, model, table, runtime, naming)
+    guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming)
     files["resources/variables.bin"] = variables_bin(model, table, guid)
     return files
+
+
+def source_files(identifier: str) -> dict[str, bytes]:
+    """What goes into sources/: kernel and FMI functions, and how to compile them.  The FMI headers are the importer's."""
+    paths = [path for folder in (build.HERE, build.RUNTIME) for path in sorted(folder.iterdir()) if path.suffix in SOURCES]
+    files = {path.name: path.read_bytes() for path in paths}
+    if len(files) < len(paths):
+        raise PackError("two source files have the same name; in sources/ one would hide the other")
+    files["tensegrity.h"] = INTERNAL + files["tensegrity.h"]
+    files["buildDescription.xml"] = build_description(identifier, compiled_of(files))
+    return files
+
+
+def compiled_of(names: Iterable[str]) -> tuple[str, ...]:
+    """The files that a compiler is called with."""
+    return tuple(sorted(name for name in names if name.endswith(".c")))
 
 
 def variables_bin(model: Model, table: tuple[Variable, ...], guid: str) -> bytes:

@@ -28,7 +28,7 @@ from .closure import import_closure
 from .documentation import index_html
 from .drawing import model_png
 from .interface import Variable, variables
-from .model_description import Experiment, Runtime, content_guid, model_description
+from .model_description import Experiment, Runtime, content_guid, model_description, plain
 
 HERE = Path(__file__).parent
 CORE = Path(tensegrity_core.__file__).parent
@@ -61,18 +61,20 @@ class PackError(TensegrityError):
     """An FMU that cannot be packed here."""
 
 
-def pack_python_fmu(model: Model, destination: Path, naming: str = "structured", library: Path | None = None) -> Path:
+def pack_python_fmu(
+    model: Model, destination: Path, naming: str = "structured", library: Path | None = None, simple: bool = False
+) -> Path:
     """Write the FMU of a model, over pythonfmu, for the platform that runs this; returns its path.
 
     destination: the .fmu file; library: the kernel's C library, by default the one that this Python uses; naming: of
-    the variables, 'structured' or 'flat'.  Raises PackError where pythonfmu has no binary for this platform.
+    the variables, 'structured' or 'flat'; simple: see model_description.plain.  Raises PackError where pythonfmu has no binary for this platform.
     """
-    files = python_fmu_files(model, naming, library or CORE / "native" / LIBRARY)
+    files = python_fmu_files(model, naming, library or CORE / "native" / LIBRARY, simple)
     write_zip(destination, files)
     return destination
 
 
-def python_fmu_files(model: Model, naming: str, library: Path) -> dict[str, bytes]:
+def python_fmu_files(model: Model, naming: str, library: Path, simple: bool = False) -> dict[str, bytes]:
     """Everything in the FMU: path inside the archive -> content."""
     binary_platform, suffix = _platform()
     table = variables(model, naming)
@@ -86,7 +88,7 @@ def python_fmu_files(model: Model, naming: str, library: Path) -> dict[str, byte
     files["resources/variables.json"] = variables_json(model, table, f"native/{library.name}", _digest(files))
     files[f"binaries/{binary_platform}/{model.name}{suffix}"] = _binary(binary_platform, suffix)
     runtime = Runtime("python", f"tensegrity {tensegrity_core.__version__} with pythonfmu {metadata.version('pythonfmu')}")
-    complete(files, model, table, runtime, naming)
+    complete(files, model, plain(table) if simple else table, runtime, naming)
     files["documentation/licenses/pythonfmu.txt"] = licence_of("pythonfmu")
     return files
 

@@ -10,11 +10,13 @@ import shutil
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import pytest
 from support import scene
 
+from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.pack import pack_python_fmu
 from tensegrity_core.scene import builtin_scenes
 
@@ -47,6 +49,50 @@ def fmus(tmp_path_factory) -> dict[str, Path]:
 
     folder = once(tmp_path_factory, "fmus", make)
     return {name: folder / f"{name}.fmu" for name in builtin_scenes()}
+
+
+@pytest.fixture(scope="session")
+def native_fmus(tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> its native FMU."""
+
+    def make(folder):
+        for name in builtin_scenes():
+            pack_native_fmu(scene(name), folder / f"{name}.fmu")
+
+    folder = once(tmp_path_factory, "native_fmus", make)
+    return {name: folder / f"{name}.fmu" for name in builtin_scenes()}
+
+
+@pytest.fixture(scope="session")
+def native_folders(native_fmus, tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> folder with the files of its native FMU; nobody writes there."""
+
+    def make(folder):
+        for name, fmu in native_fmus.items():
+            with zipfile.ZipFile(fmu) as archive:
+                archive.extractall(folder / name)
+
+    folder = once(tmp_path_factory, "native_folders", make)
+    return {name: folder / name for name in native_fmus}
+
+
+@pytest.fixture
+def native(native_folders):
+    """native(fmu, mode=None, **arguments): an instance of a scene's native FMU or of the one in a folder, see
+    native_calls.Calls; brought to a mode where one is named; freed after the test."""
+    from native_calls import Calls
+
+    made = []
+
+    def make(fmu, mode=None, **arguments):
+        made.append(Calls(native_folders.get(fmu, fmu), **arguments))
+        if mode:
+            made[-1].bring_to(mode)
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.free()
 
 
 @pytest.fixture(scope="session")

@@ -88,7 +88,8 @@ FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size
             }
         if (known) continue;
         status = fmi2Warning;
-        fmu_log(fmu, LOG_WARNING, status, "%s: there is no log category %s", __func__, categories[i] ? categories[i] : "(null)");
+        const char *name = categories[i] ? categories[i] : "(null)";
+        fmu_log(fmu, LOG_WARNING, status, "%s: there is no log category %s", __func__, name);
     }
     return status;
 }
@@ -98,7 +99,7 @@ FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size
 static void to_instantiated(instance *fmu)
 {
     fmu->mode = FMU_INSTANTIATED;
-    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->discarded = fmu->derivatives_ready = 0;
+    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->derivatives_ready = 0;
     fmu->start = fmu->time = fmu->stop = 0.0;
 }
 
@@ -118,7 +119,12 @@ static ts_sim *load(instance *fmu, const char *location, const char *guid, char 
     if (!(bytes = fmu_resource(location, "model.bin", &size, why, capacity))) return NULL;
     ts_sim *sim = ts_create(bytes, size, why, capacity);
     free(bytes);
-    return sim;
+    if (!sim) return NULL;
+    int32_t reals = ts_real_count(sim), integers = ts_integer_count(sim);
+    if (reals == fmu->table.reals && reals + integers == fmu->table.count) return sim;
+    snprintf(why, capacity, "resources/model.bin is that of another FMU; unzip this one anew");
+    ts_free(sim);
+    return NULL;
 }
 
 static void release(instance *fmu)
@@ -156,14 +162,13 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     else if (type != fmi2CoSimulation) snprintf(why, sizeof why, "this FMU is for co-simulation only");
     else if (!guid || !location) snprintf(why, sizeof why, "GUID and resource location are needed");
     else fmu->sim = load(fmu, location, guid, why, sizeof why);
-    if (!fmu->sim) {
-        if (fmu->name) fmu_log(fmu, LOG_ERROR, fmi2Error, "%s: %s", __func__, why);
-        release(fmu);
-        return NULL;
+    if (fmu->sim) {
+        fmu->first_output = ts_output_first(fmu->sim);
+        fmu->derivatives = malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
+        if (!fmu->derivatives) snprintf(why, sizeof why, "out of memory");
     }
-    fmu->first_output = ts_output_first(fmu->sim);
-    fmu->derivatives = malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
-    if (!fmu->derivatives) {
+    if (!fmu->sim || !fmu->derivatives) {
+        if (fmu->name) fmu_log(fmu, LOG_ERROR, fmi2Error, "%s: %s", __func__, why);
         release(fmu);
         return NULL;
     }
@@ -195,7 +200,8 @@ FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranc
         return fmi2OK;
     }
     char text[32];
-    fmu_log(fmu, LOG_WARNING, fmi2Warning, "%s: the tolerance %s is out of range: ignored", __func__, fmu_number(tolerance, text));
+    fmu_number(tolerance, text);
+    fmu_log(fmu, LOG_WARNING, fmi2Warning, "%s: the tolerance %s is out of range: ignored", __func__, text);
     return fmi2Warning;
 }
 
@@ -220,9 +226,10 @@ static void log_solver(const instance *fmu)
     int64_t s[TS_STATS];
     if (!fmu->log[LOG_SOLVER]) return;
     ts_stats(fmu->sim, s);
-    fmu_log(fmu, LOG_SOLVER, fmi2OK, "since the start: %lld steps (%lld implicit), %lld rejected, %lld right-hand sides, %lld Jacobians, %lld transitions",
-            (long long)s[TS_STEPS], (long long)s[TS_IMPLICIT_STEPS], (long long)s[TS_REJECTED], (long long)s[TS_RHS],
-            (long long)s[TS_JACOBIANS], (long long)s[TS_TRANSITIONS]);
+    const char *form = "since the start: %lld steps (%lld implicit), %lld rejected, %lld right-hand sides, %lld Jacobians, "
+                       "%lld transitions";
+    fmu_log(fmu, LOG_SOLVER, fmi2OK, form, (long long)s[TS_STEPS], (long long)s[TS_IMPLICIT_STEPS], (long long)s[TS_REJECTED],
+            (long long)s[TS_RHS], (long long)s[TS_JACOBIANS], (long long)s[TS_TRANSITIONS]);
 }
 
 FMI2_Export fmi2Status fmi2Terminate(fmi2Component c)
@@ -258,14 +265,16 @@ static fmi2Status no_such(instance *fmu, const char *what, fmi2ValueReference vr
     return error(fmu, what, why);
 }
 
+/* Some importers read every output as a Real; references are unique over the types, so that an integer is clear. */
 FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     REQUIRE(c, AFTER_START);
     if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(vr, n, 0, fmu->table.reals);
+    size_t bad = stray(vr, n, 0, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
     if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
-    for (size_t i = 0; i < n; i++) value[i] = fmu->values[vr[i]];
+    const uint32_t reals = (uint32_t)fmu->table.reals;
+    for (size_t i = 0; i < n; i++) value[i] = vr[i] < reals ? fmu->values[vr[i]] : fmu->integers[vr[i] - reals];
     return fmi2OK;
 }
 
@@ -375,15 +384,18 @@ FMI2_Export fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference v
 
 /* --------------------------------------------------------------------------------------------------------------- steps */
 
+static const char *string_name(const instance *fmu, int32_t string) { return fmu->table.name[fmu->table.count + string]; }
+
 static void log_events(const instance *fmu)
 {
     const ts_transition *t = ts_transitions(fmu->sim);
     int64_t count = ts_transition_count(fmu->sim);
     char time[32];
     for (int64_t i = 0; i < count && i < MAX_EVENTS; i++)
-        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s", fmu->table.name[fmu->table.count + t[i].string],
-                (int)t[i].before, (int)t[i].after, fmu_number(t[i].time, time));
-    if (count > MAX_EVENTS) fmu_log(fmu, LOG_EVENTS, fmi2OK, "%lld more transitions in this step", (long long)(count - MAX_EVENTS));
+        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s", string_name(fmu, t[i].string), (int)t[i].before,
+                (int)t[i].after, fmu_number(t[i].time, time));
+    long long more = (long long)count - MAX_EVENTS;
+    if (more > 0) fmu_log(fmu, LOG_EVENTS, fmi2OK, "%lld more transitions in this step", more);
 }
 
 /* Round-off that a communication point may have: the host counts its own time. */
@@ -392,21 +404,27 @@ static double slack(double time, double h) { return 1e-6 * h + 4.0 * DBL_EPSILON
 /* Why a step must not be asked for, or NULL. */
 static const char *wrong_step(const instance *fmu, double point, double h, char *text, size_t capacity)
 {
+    const char *form = NULL;
+    double one = point, other = fmu->time;
     char a[32], b[32];
-    if (!(h > 0.0) || !isfinite(h)) snprintf(text, capacity, "the step size %s s is not positive and finite", fmu_number(h, a));
-    else if (!(fabs(point - fmu->time) <= slack(fmu->time, h)))
-        snprintf(text, capacity, "the communication point is %s s, but the FMU stands at %s s", fmu_number(point, a), fmu_number(fmu->time, b));
-    else if (fmu->stop_defined && point + h > fmu->stop + slack(fmu->stop, h))
-        snprintf(text, capacity, "the step from %s s would pass the stop time %s s", fmu_number(point, a), fmu_number(fmu->stop, b));
-    else return NULL;
-    return text;
+    if (!(h > 0.0) || !isfinite(h)) {
+        form = "the step size %s s is not positive and finite";
+        one = h;
+    } else if (!(fabs(point - fmu->time) <= slack(fmu->time, h))) {
+        form = "the communication point is %s s, but the FMU stands at %s s";
+    } else if (fmu->stop_defined && point + h > fmu->stop + slack(fmu->stop, h)) {
+        form = "the step from %s s would pass the stop time %s s";
+        other = fmu->stop;
+    }
+    if (form) snprintf(text, capacity, form, fmu_number(one, a), fmu_number(other, b));
+    return form ? text : NULL;
 }
 
-static fmi2Status discard(instance *fmu, double point)
+static fmi2Status discard(const instance *fmu, double point)
 {
     char time[32];
-    fmu->discarded = 1;
-    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "the step from t = %s s is discarded: %s", fmu_number(point, time), ts_message(fmu->sim));
+    fmu_number(point, time);
+    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "the step from t = %s s is discarded: %s", time, ts_message(fmu->sim));
     return fmi2Discard;
 }
 
@@ -417,7 +435,7 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, f
     (void)no_set_state_prior;
     if (wrong_step(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
     if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point);
-    fmu->discarded = fmu->derivatives_ready = 0;
+    fmu->derivatives_ready = 0;
     fmu->time = point + h;
     if (fmu->log[LOG_EVENTS] && ts_transition_count(fmu->sim)) log_events(fmu);
     return fmi2OK;
@@ -503,13 +521,12 @@ FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
 FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                                     const fmi2Integer order[], fmi2Real value[])
 {
-    REQUIRE(c, AFTER_START);
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED | FMU_ERROR);
     if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(vr, n, fmu->first_output, fmu->table.reals);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real output");
     for (size_t i = 0; i < n; i++)
         if (order[i] != 1) return error(fmu, __func__, "only derivatives of order 1 are given");
-    if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     if (!fmu->derivatives_ready && ts_output_derivatives(fmu->sim, fmu->derivatives) != TS_OK)
         return error(fmu, __func__, ts_message(fmu->sim));
     fmu->derivatives_ready = 1;
@@ -561,6 +578,8 @@ FMI2_Export fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate 
     REQUIRE(c, FMU_ANY);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(size);
+    const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
+    if (why) return error(fmu, __func__, why);
     *size = fmu_state_size(fmu);
     return fmi2OK;
 }
@@ -570,6 +589,8 @@ FMI2_Export fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state
     REQUIRE(c, FMU_ANY);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(bytes);
+    const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
+    if (why) return error(fmu, __func__, why);
     if (size < fmu_state_size(fmu)) return error(fmu, __func__, "the vector is too short; ask fmi2SerializedFMUstateSize");
     memcpy(bytes, state, fmu_state_size(fmu));
     return fmi2OK;

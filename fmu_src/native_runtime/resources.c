@@ -82,7 +82,8 @@ char *fmu_resource(const char *location, const char *name, size_t *size, char *m
         bytes = read_all(file, size);
         fclose(file);
     }
-    if (!bytes) snprintf(message, capacity, "%s cannot be read; unzip the FMU anew, and pass the URI of its resources folder", path);
+    const char *remedy = "unzip the FMU anew, and pass the URI of its resources folder";
+    if (!bytes) snprintf(message, capacity, "%s cannot be read; %s", path, remedy);
     free(path);
     return bytes;
 }

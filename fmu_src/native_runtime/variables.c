@@ -6,8 +6,8 @@
 
 #define MAGIC "TSVARS1"
 
-/* magic[8], int32 reals, count, strings, tolerance, then low, high (doubles), settable (int32), then texts that end with 0: GUID,
- * names of variables, names of strings. */
+/* magic[8], int32 reals, count, strings, tolerance, then low, high (doubles), settable (int32), then texts that end with 0:
+ * GUID, names of variables, names of strings. */
 int variables_read(variable_table *table, char *bytes, size_t size)
 {
     int32_t head[4];
@@ -16,7 +16,8 @@ int variables_read(variable_table *table, char *bytes, size_t size)
     if (size < 8 + sizeof head || memcmp(bytes, MAGIC, 8) || bytes[size - 1]) return 0;
     memcpy(head, bytes + 8, sizeof head);
     size_t count = (size_t)head[1], texts = count + (size_t)head[2], at = 8 + sizeof head;
-    if (head[0] < 0 || head[1] < head[0] || head[2] < 0 || head[3] < 0 || head[3] >= head[0] || (size - at) / 20 < count) return 0;
+    if (head[0] < 0 || head[1] < head[0] || head[2] < 0 || head[3] < 0 || head[3] >= head[0]) return 0;
+    if ((size - at) / 20 < count) return 0;
     table->reals = head[0];
     table->count = head[1];
     table->strings = head[2];

@@ -10,6 +10,7 @@
 #define CALM_SIGNS 2    /* implicit steps not worth their cost after which the explicit method returns */
 #define MAX_PATIENCE 96 /* signs of stiffness that it takes after excursions that were not worth it */
 #define TIGHT 2e-6      /* tolerance from which on the order of radau9 pays */
+#define FINE 16.0       /* explicit steps in a communication step that is a short one */
 
 /* How many explicit steps an implicit one costs: measured on scenes of two to six bars and on towers, and fitted to the
  * blocks of the factor (its solves) over the strings (the right-hand side). */
@@ -36,13 +37,21 @@ static void return_to_explicit(ts_memory *memory, double h)
     memory->stiff = 0;
 }
 
+/* The order of radau9 pays at tight tolerances; and its steps pass communication points, which those of rodas5p do not: that is
+ * worth more where these points are not far apart against an explicit step h. */
+static int choose_implicit(const ts_sim *sim, double h)
+{
+    int fine = sim->may_run_ahead && sim->call < FINE * h;
+    return fine || sim->values[sim->m.at[TS_TOLERANCE]] <= TIGHT ? TS_METHOD_RADAU9 : TS_METHOD_RODAS5P;
+}
+
 /* A step was taken without a transition. */
 void ts_review_method(ts_sim *sim, double h)
 {
     ts_memory *memory = &sim->memory;
     if (memory->method != TS_METHOD_AUTO) return;
     if (memory->active == TS_METHOD_DOP853) {
-        int implicit = sim->values[sim->m.at[TS_TOLERANCE]] <= TIGHT ? TS_METHOD_RADAU9 : TS_METHOD_RODAS5P;
+        int implicit = choose_implicit(sim, h);
         if (memory->stiff < memory->patience) return;
         if (!worth(sim, implicit, sim->longest, h)) return;
         memory->active = implicit;

@@ -31,7 +31,7 @@ FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trappi
 
 
 class Target(NamedTuple):
-    """A platform of FMUs.  suffix: of its libraries; triple: zig's name, with the oldest C library that will do."""
+    """A platform of FMUs.  suffix: of its libraries; triple: zig's name, with the oldest C library or system that will do."""
 
     suffix: str
     triple: str
@@ -41,9 +41,9 @@ class Target(NamedTuple):
 TARGETS = {
     "linux64": Target(".so", "x86_64-linux-gnu.2.17"),
     "win64": Target(".dll", "x86_64-windows-gnu"),
-    "darwin64": Target(".dylib", "x86_64-macos"),
+    "darwin64": Target(".dylib", "x86_64-macos.11.0"),
     "aarch64-linux": Target(".so", "aarch64-linux-gnu.2.17"),
-    "aarch64-darwin": Target(".dylib", "aarch64-macos"),
+    "aarch64-darwin": Target(".dylib", "aarch64-macos.11.0"),
 }
 
 
@@ -104,6 +104,8 @@ def compile_fmu_library(target: Path, platform: str | None = None) -> Path:
     if platform is not None:
         command, windows = [*zig(), "-target", TARGETS[platform].triple], platform.startswith("win")
     options = ["-DTS_INTERNAL", "-s", f"-I{fmi_headers()}", f"-I{HERE}"]
+    if platform and "darwin" in platform:  # else the folder of this compilation is written into the library
+        options.append(f"-Wl,-install_name,@rpath/{target.name}")
     return _compile(target, command, runtime_sources() + kernel_sources(), options, windows)
 
 

@@ -189,8 +189,23 @@ static int close_span(ts_sim *sim, double tau)
 
 static double span_end(const ts_span *span) { return span->start + span->reach * span->h; }
 
-/* A step left open by the last call: go to its end, or to the end of this call if the step serves it whole.  0: it is broken. */
-static int use_open_span(ts_sim *sim, double end, double *tau)
+/* Does the step that the last call left open serve a whole call of length h? */
+int ts_span_serves(const ts_sim *sim, double h)
+{
+    const ts_span *span = &sim->memory.span;
+    return span->h > 0.0 && span_end(span) > h * (1.0 + ROUND_OFF);
+}
+
+/* That call: the state comes from the dense output. */
+void ts_serve_span(ts_sim *sim, double h)
+{
+    ts_span *span = &sim->memory.span;
+    state_at(sim, span, (h - span->start) / span->h);
+    span->start -= h;
+}
+
+/* Go to the end of a step that the last call left open.  0: the state there is broken. */
+static int finish_open_span(ts_sim *sim, double end, double *tau)
 {
     ts_span *span = &sim->memory.span;
     if (!(span->h > 0.0)) {
@@ -198,12 +213,6 @@ static int use_open_span(ts_sim *sim, double end, double *tau)
         return 1;
     }
     sim->dense_ready = 1;
-    if (span_end(span) > end * (1.0 + ROUND_OFF)) {
-        state_at(sim, span, (end - span->start) / span->h);
-        span->start -= end;
-        *tau = end;
-        return 1;
-    }
     *tau = fmin(span_end(span), end);
     return close_span(sim, *tau) != BROKEN;
 }
@@ -287,7 +296,8 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     return 1;
 }
 
-/* Advance from tau = 0 to `end` under fixed inputs.  The pieces are placed, Qf, Qg and inv prepared. */
+/* Advance from tau = 0 to `end` under given inputs, beyond what ts_serve_span() can give.  The pieces are placed, Qf, Qg and inv
+ * prepared. */
 int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
 {
     ts_memory *memory = &sim->memory;
@@ -296,8 +306,10 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     plan p = make_plan(sim, end, may_run_ahead);
     int fixed = (methods[memory->active]->flags & TS_FIXED_STEP) != 0;
     look_ahead(sim, methods[memory->active], &p);
+    sim->call = end;
+    sim->may_run_ahead = may_run_ahead;
     if (p.grid > TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
-    if (!use_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
+    if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
     if (!all_finite(sim, sim->f0)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     for (int n = 0; tau < end; n++) {
         int last, stiff = memory->stiff;
@@ -319,9 +331,8 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         }
         memory->rejected = 0;
         double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
-        if (reached > end * (1.0 + ROUND_OFF)) {
-            state_at(sim, &memory->span, (end - tau) / h);
-            memory->span.start -= end;
+        if (ts_span_serves(sim, end)) {
+            ts_serve_span(sim, end);
             return TS_OK;
         }
         if (end - reached <= ROUND_OFF * end) reached = end; /* no step fits between a transition and the end */

@@ -179,7 +179,9 @@ struct ts_sim {
     double *ft, *lin;            /* (nq), (6 nq) */
     double *backup;       /* (n_real + n_applied + 2 n_inputs + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
-    double longest;         /* s, step that the present call allows */
+    double longest;         /* s, step that the present call allows; of the methods that may run ahead, where inputs stay */
+    double call;            /* s, length of the present call */
+    int32_t may_run_ahead;  /* inputs stay */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
     int32_t force_jumps;    /* the last transition made the force of a damper jump */
     int32_t dense_ready;    /* densify() has been called for the step at hand */
@@ -276,6 +278,8 @@ double ts_clipped_energy(const ts_sim *sim, double tau);
 
 /* integrate.c */
 int ts_integrate(ts_sim *sim, double h, int may_run_ahead);
+int ts_span_serves(const ts_sim *sim, double h);
+void ts_serve_span(ts_sim *sim, double h);
 void ts_close_span(ts_sim *sim);
 int ts_fixed_step(int method);
 

@@ -113,6 +113,8 @@ void ts_free(ts_sim *sim)
 
 void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]) { memcpy(counts, sim->m.count, sizeof sim->m.count); }
 double *ts_values(ts_sim *sim) { return sim->values; }
+int32_t ts_real_count(const ts_sim *sim) { return sim->m.n_real; }
+int32_t ts_integer_count(const ts_sim *sim) { return sim->m.n_int; }
 double *ts_slopes(ts_sim *sim) { return sim->slopes; }
 int32_t ts_input_count(const ts_sim *sim) { return sim->n_inputs; }
 int32_t ts_output_first(const ts_sim *sim) { return sim->n_applied; }
@@ -230,6 +232,32 @@ static void backup(ts_sim *sim, ts_memory *memory)
     if (memory->span.h > 0.0) memcpy(sim->ahead_backup, sim->ahead, sizeof(double) * sim->ahead_size);
 }
 
+/* The inputs and parameters of the last step in place of the present ones, which the caller may have changed since. */
+static void swap_applied(ts_sim *sim)
+{
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
+    memcpy(sim->backup, sim->values, sizeof(double) * reals);
+    memcpy(sim->backup + reals, sim->slopes, sizeof(double) * slopes);
+    memcpy(sim->values, sim->applied, sizeof(double) * (size_t)sim->n_applied);
+    memcpy(sim->slopes, sim->applied_slopes, sizeof(double) * slopes);
+}
+
+/* The present ones and the outputs again. */
+static void swap_back(ts_sim *sim)
+{
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
+    memcpy(sim->values, sim->backup, sizeof(double) * reals);
+    memcpy(sim->slopes, sim->backup + reals, sizeof(double) * slopes);
+}
+
+/* What a step derives from inputs and parameters. */
+static void derive(ts_sim *sim)
+{
+    set_reach(sim);
+    ts_prepare(sim);
+    set_pieces(sim);
+}
+
 static void undo(ts_sim *sim, const ts_memory *memory)
 {
     size_t S = (size_t)sim->m.count[TS_S];
@@ -239,6 +267,9 @@ static void undo(ts_sim *sim, const ts_memory *memory)
     memcpy(sim->piece, sim->backup_ints, sizeof(int32_t) * S);
     memcpy(sim->clipped, sim->backup_ints + S, sizeof(int32_t) * S);
     if (memory->span.h > 0.0) memcpy(sim->ahead, sim->ahead_backup, sizeof(double) * sim->ahead_size);
+    swap_applied(sim);
+    derive(sim);
+    swap_back(sim);
 }
 
 /* Smallest rest length of a string within the step, m. */
@@ -299,6 +330,16 @@ static void add_time(ts_memory *memory, double h)
     memory->time = sum;
 }
 
+/* The end of a call that succeeded. */
+static void settle(ts_sim *sim, double h, int sloped)
+{
+    add_time(&sim->memory, h);
+    sim->memory.last_step = h;
+    sim->memory.sloped = sloped;
+    if (sim->memory.span.h > 0.0) ts_rhs(sim, h, sim->y, sim->f0); /* an open step's own derivatives are elsewhere */
+    ts_outputs(sim, h);
+}
+
 int ts_step(ts_sim *sim, double h)
 {
     size_t bytes = sizeof(double) * (size_t)sim->n_applied;
@@ -311,24 +352,29 @@ int ts_step(ts_sim *sim, double h)
     int sloped = ts_sloped(sim);
     int changed = sloped || sim->memory.sloped || memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim) ||
                   sim->integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
-    ts_prepare(sim);
-    if (changed && (status = check_change(sim, h)) != TS_OK) return status;
+    if (!changed && ts_span_serves(sim, h)) {
+        sim->transition_count = 0;
+        sim->dense_ready = 1; /* since the step was opened */
+        ts_serve_span(sim, h);
+        settle(sim, h, 0);
+        return TS_OK;
+    }
     backup(sim, &memory);
-    sim->transition_count = 0;
-    if (changed) take_inputs(sim);
-    else set_pieces(sim);
-    status = ts_integrate(sim, h, !changed);
+    ts_prepare(sim);
+    if (changed) status = check_change(sim, h);
+    if (status == TS_OK) {
+        sim->transition_count = 0;
+        if (changed) take_inputs(sim);
+        else set_pieces(sim);
+        status = ts_integrate(sim, h, !changed);
+    }
     if (status != TS_OK) {
         undo(sim, &memory);
         return status;
     }
     memcpy(sim->applied, sim->values, bytes);
     memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
-    add_time(&sim->memory, h);
-    sim->memory.last_step = h;
-    sim->memory.sloped = sloped;
-    if (sim->memory.span.h > 0.0) ts_rhs(sim, h, sim->y, sim->f0); /* an open step's own derivatives are elsewhere */
-    ts_outputs(sim, h);
+    settle(sim, h, sloped);
     return TS_OK;
 }
 
@@ -377,32 +423,6 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
     uint64_t hash = ts_fnv(bytes, size - sizeof hash);
     memcpy((char *)bytes + size - sizeof hash, &hash, sizeof hash);
     return TS_OK;
-}
-
-/* The inputs and parameters of the last step in place of the present ones, which the caller may have changed since. */
-static void swap_applied(ts_sim *sim)
-{
-    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
-    memcpy(sim->backup, sim->values, sizeof(double) * reals);
-    memcpy(sim->backup + reals, sim->slopes, sizeof(double) * slopes);
-    memcpy(sim->values, sim->applied, sizeof(double) * (size_t)sim->n_applied);
-    memcpy(sim->slopes, sim->applied_slopes, sizeof(double) * slopes);
-}
-
-/* The present ones and the outputs again. */
-static void swap_back(ts_sim *sim)
-{
-    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
-    memcpy(sim->values, sim->backup, sizeof(double) * reals);
-    memcpy(sim->slopes, sim->backup + reals, sizeof(double) * slopes);
-}
-
-/* What a step derives from inputs and parameters. */
-static void derive(ts_sim *sim)
-{
-    set_reach(sim);
-    ts_prepare(sim);
-    set_pieces(sim);
 }
 
 int ts_restore(ts_sim *sim, const void *bytes, size_t size)

@@ -50,6 +50,8 @@ TS_API void ts_free(ts_sim *sim);
 TS_API void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]);
 TS_API double *ts_values(ts_sim *sim);
 TS_API int32_t *ts_integers(ts_sim *sim);
+TS_API int32_t ts_real_count(const ts_sim *sim); /* of the blocks */
+TS_API int32_t ts_integer_count(const ts_sim *sim);
 
 /* First and then second derivatives by time of the inputs, in the order of the block of doubles; zero unless they are set, and
  * then kept like the inputs themselves.  Over a step an input is its value + slope t + bend t^2/2, t from the step's start.  A

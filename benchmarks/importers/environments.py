@@ -1,0 +1,91 @@
+"""Gives each tool what it needs, in folders of its own under build/importers: nothing of the machine is changed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from .tools import Tool
+
+#: Wall time after which an installation is given up, s.
+LIMIT = 600.0
+
+
+class Missing(Exception):
+    """A tool that cannot be had here; the text says why."""
+
+
+def python_of(tool: Tool, base: Path) -> Path:
+    """The interpreter of an environment with the tool's packages, made at the first call.  Raises Missing."""
+    name = tool.packages[0].replace("==", "-") if tool.packages else "bare"
+    folder = base / "environments" / name
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if (folder / "ready").is_file():
+        return python
+    shutil.rmtree(folder, ignore_errors=True)
+    _run([sys.executable, "-m", "venv", str(folder)])
+    if tool.packages:
+        # a tool that nobody has run here is not built from source: that takes compilers and libraries of its own
+        wheels = [] if tool.driver else ["--only-binary", ":all:"]
+        _run([str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *wheels, *tool.packages])
+    (folder / "ready").touch()
+    return python
+
+
+def version_of(tool: Tool, python: Path) -> str:
+    if tool.maven:
+        return tool.maven.split(":")[2]
+    package = tool.packages[0].split("==")[0]
+    code = f"from importlib.metadata import version; print(version({package!r}))"
+    return _run([str(python), "-c", code]).strip()
+
+
+def libraries_of(tool: Tool, base: Path) -> Path | None:
+    """Folder of libraries out of Debian's packages, unpacked and not installed; None where none are needed."""
+    if not tool.debian:
+        return None
+    folder = base / "debian"
+    if not (folder / "ready").is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        if not shutil.which("apt-get"):
+            raise Missing(f"needs {tool.debian[0]}, which is fetched from Debian only")
+        _run(["apt-get", "download", *tool.debian], folder)
+        for package in folder.glob("*.deb"):
+            _run(["dpkg-deb", "-x", str(package), str(folder)])
+        (folder / "ready").touch()
+    return next(path.parent for path in sorted(folder.rglob("libtbb.so.12")))
+
+
+def program_of(tool: Tool, base: Path) -> Path | None:
+    """The .jar of a tool in Java; None where it has none.  Raises Missing."""
+    if not tool.maven:
+        return None
+    folder = base / "maven"
+    group, name, version, kind, classifier = tool.maven.split(":")
+    jar = folder / f"{name}-{version}-{classifier}.{kind}"
+    if not jar.is_file():
+        for program in ("java", "mvn"):
+            if not shutil.which(program):
+                raise Missing(f"needs {program}")
+        _run(["mvn", "-q", "-B", "dependency:copy", f"-Dartifact={tool.maven}", f"-DoutputDirectory={folder}"])
+    return jar
+
+
+def _run(command: list[str], folder: Path | None = None) -> str:
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LIMIT)
+    except subprocess.TimeoutExpired:
+        raise Missing(f"{Path(command[0]).name} did not end within {LIMIT:g} s") from None
+    if done.returncode:
+        raise Missing(last_words(done.stdout + done.stderr))
+    return done.stdout
+
+
+def last_words(text: str) -> str:
+    """The line of a program's output that says what went wrong."""
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("at ")]  # Java's stack
+    named = [line for line in lines if "rror" in line or "xception" in line]
+    return (named or lines or ["no message"])[-1][:300]

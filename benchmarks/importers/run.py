@@ -1,0 +1,130 @@
+"""Run both FMUs in every importer: ``python benchmarks/importers/run.py`` writes docs/importers.json and docs/importers.md.
+
+Needs the network (PyPI, and for some tools Maven Central or Debian) at the first call, some minutes; environments stay in
+build/importers.  A tool that cannot be installed, or that refuses an FMU, is a row and no failure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import machine  # noqa: E402
+from importers import environments, page, scenario  # noqa: E402
+from importers.tools import TOOLS, Tool  # noqa: E402
+
+from fmu_src.compare import POSITION_BOUND  # noqa: E402
+from tensegrity_core.model import Model  # noqa: E402
+
+BASE = ROOT / "build" / "importers"
+DRIVERS = Path(__file__).resolve().parent / "drivers"
+#: Wall time of one run, s.
+LIMIT = 300.0
+
+
+class Expected(NamedTuple):
+    """(K+1, N, 3) positions, m, of the reference and of the kernel."""
+
+    model: Model
+    reference: np.ndarray
+    kernel: np.ndarray
+
+
+def one(tool: Tool, fmu: Path, source: Path, expected: Expected) -> dict:
+    """A run of one FMU in one tool, as a row: outcome 'passed', 'refused', 'differs', 'not installed' or 'not run', and why."""
+    try:
+        python = environments.python_of(tool, BASE)
+        program, libraries = environments.program_of(tool, BASE), environments.libraries_of(tool, BASE)
+        version = environments.version_of(tool, python)
+    except environments.Missing as missing:
+        return {"version": "", "outcome": "not installed", "why": str(missing)}
+    if tool.driver is None:
+        return {"version": version, "outcome": "not run", "why": "it can be installed, but has no driver here yet"}
+    with tempfile.TemporaryDirectory(prefix="importer-") as scratch:
+        folder = Path(scratch)
+        told = scenario.job(expected.model, fmu, source, folder) | {"program": str(program)}
+        (folder / "job.json").write_text(json.dumps(told), encoding="utf-8")
+        command = [str(python), str(DRIVERS / f"{tool.driver}.py"), str(folder / "job.json"), str(folder / "result.json")]
+        return {"version": version, **outcome(command, folder, libraries, expected)}
+
+
+def outcome(command: list[str], folder: Path, libraries: Path | None, expected: Expected) -> dict:
+    """Run a driver and judge what it wrote; libraries: a folder for the loader."""
+    surroundings = {**os.environ, "LD_LIBRARY_PATH": str(libraries)} if libraries else dict(os.environ)
+    try:
+        done = subprocess.run(command, cwd=folder, env=surroundings, capture_output=True, text=True, timeout=LIMIT)
+    except subprocess.TimeoutExpired:
+        return {"outcome": "refused", "why": f"did not end within {LIMIT:g} s"}
+    said = environments.last_words(done.stdout + done.stderr)
+    result = folder / "result.json"
+    if not result.is_file():
+        died = f"killed by signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        return {"outcome": "refused", "why": f"{said} ({died})"}
+    after = f"the process ended with {done.returncode} after a complete run: {said}" if done.returncode else ""
+    return judged(json.loads(result.read_text(encoding="utf-8")), expected, after)
+
+
+def judged(found: dict, expected: Expected, after: str) -> dict:
+    """Outcome of a run; found: see drivers/job.py; after: what happened once it was over."""
+    if not found["rows"]:
+        return {"outcome": "passed", "why": after}
+    axes, theirs = list(expected.model.axes), np.array(found["rows"])
+    ours = [positions[found["first"] :, :, axes] for positions in (expected.reference, expected.kernel)]
+    if theirs.size != ours[0].size:
+        return {"outcome": "differs", "why": f"{len(theirs)} rows of {theirs.shape[1]} outputs, not {len(ours[0])}"}
+    gap, added = (float(np.max(np.abs(theirs.reshape(one.shape) - one))) for one in ours)
+    verdict = "passed" if gap <= POSITION_BOUND else "differs"
+    return {"outcome": verdict, "why": after or found["note"], "deviation": gap, "from_kernel": added}
+
+
+def measure(chosen: list[Tool]) -> list[dict]:
+    """All rows; prints each."""
+    model = scenario.model()
+    source = scenario.pack_source(BASE / "fmus" / "square_wave.fmu")
+    folders = {name: BASE / "fmus" / name.replace(", ", "-").replace(" ", "-") for name in scenario.PACK}
+    fmus = {name: pack(model, folders[name] / f"{model.name}.fmu") for name, pack in scenario.PACK.items()}
+    expected, rows = Expected(model, scenario.expected(model), scenario.plain_kernel(model)), []
+    for tool in chosen:
+        refused = False
+        for runtime, fmu in fmus.items():
+            if runtime == scenario.SIMPLE and not refused:
+                continue
+            row = {"tool": tool.name, "runtime": runtime, "inputs": tool.inputs, "limit": tool.limit}
+            row |= one(tool, fmu, source, expected)
+            rows.append(row)
+            refused = row["outcome"] == "refused"
+            print(f"{row['tool']:<42}{runtime:<23}{row['outcome']:<14}{row.get('deviation', '')} {row['why']}", flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    only = "only tools whose names have one of these words; writes nothing"
+    parser.add_argument("words", nargs="*", metavar="WORD", help=only)
+    parser.add_argument("--rewrite", action="store_true", help="write the page again from docs/importers.json")
+    options = parser.parse_args()
+    stored = ROOT / "docs" / "importers.json"
+    if options.rewrite:
+        data = json.loads(stored.read_text(encoding="utf-8"))
+    else:
+        chosen = [tool for tool in TOOLS if not options.words or any(word in tool.name for word in options.words)]
+        data = {"machine": machine.describe(), "scenario": scenario.SHOWN, "rows": measure(chosen)}
+        if options.words:
+            return
+        stored.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    (ROOT / "docs" / "importers.md").write_text(page.render(data), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""The scenario that every importer runs, what it is compared with, and the FMUs it needs."""
+
+from __future__ import annotations
+
+import subprocess
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fmu_src.interface import variables
+from fmu_src.native_fmu import here, pack_native_fmu
+from fmu_src.pack import pack_python_fmu, write_zip
+from fmu_src.reference_cache import cached, reference_key
+from fmu_src.scenarios import LIFT, pushed_node, top_nodes
+from fmu_src.validate import CACHE, NORMAL
+from tensegrity_core import kernel, reference
+from tensegrity_core.inputs import Inputs, grid, held
+from tensegrity_core.model import Model
+from tensegrity_core.native import build
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
+
+HERE = Path(__file__).resolve().parent
+SCENE = "three_bar_nsh"
+#: Simulated time and communication step, s; half height, N, and period, s, of the square wave.
+DURATION, STEP, WAVE, PERIOD = 2.0, 0.01, 200.0, 1.0
+SIMPLE = "native, simple types"
+#: What packs an FMU; SIMPLE is for tools that refuse the native one.
+PACK = {"native": pack_native_fmu, SIMPLE: partial(pack_native_fmu, simple=True), "python": pack_python_fmu}
+SOURCE = "square_wave"
+#: What the page says of it.
+SHOWN = {"scene": SCENE, "duration": DURATION, "step": STEP, "lift": LIFT, "wave": WAVE, "period": PERIOD}
+
+
+def model() -> Model:
+    return build_model(load_scene(SCENE))
+
+
+def force(model: Model, t: float) -> np.ndarray:
+    """(N, 3) N: a lift on every top node and the square wave on one of them."""
+    out = np.zeros((len(model.nodes), 3))
+    out[top_nodes(model), 2] = LIFT
+    out[pushed_node(model), 2] = WAVE if t % PERIOD < 0.5 * PERIOD else -WAVE
+    return out
+
+
+def inputs(model: Model) -> Inputs:
+    """Held over each step, as every importer here holds them (docs/importers.md says how each is brought to it)."""
+    return held(model, grid(DURATION, STEP), lambda t: force(model, t))
+
+
+def expected(model: Model) -> np.ndarray:
+    """(K+1, N, 3) positions, m, of the reference under the same held inputs; kept like all reference runs."""
+    moved = inputs(model)
+    return cached(CACHE, reference_key(model, moved, NORMAL), lambda: reference.simulate(model, moved, **NORMAL))[0].position
+
+
+def plain_kernel(model: Model) -> np.ndarray:
+    """(K+1, N, 3) positions, m, of the kernel called from Python under the same held inputs."""
+    return kernel.simulate(model, inputs(model)).position
+
+
+def job(model: Model, fmu: Path, source: Path, folder: Path) -> dict:
+    """What a driver is told; see drivers/job.py."""
+    table = variables(model)
+    pushed, moved = pushed_node(model), inputs(model)
+    lifted = [i for i in top_nodes(model) if i != pushed]
+    return {
+        "fmu": str(fmu),
+        "source": str(source),
+        "source_outputs": {"wave": 0, "lift1": 1, "lift2": 2},
+        "step": STEP,
+        "constants": {f"{model.node_names[i]}.force.z": LIFT for i in lifted},
+        "wave": f"{model.node_names[pushed]}.force.z",
+        "values": moved.force[:, pushed, 2].tolist(),
+        "outputs": [row.name for row in table if row.field == "position"],
+        "references": {row.name: row.reference for row in table},
+        "starts": {row.name: row.start for row in table if row.causality == "input"},
+        "folder": str(folder),
+    }
+
+
+def pack_source(destination: Path) -> Path:
+    """The FMU whose outputs are the wave and the lift, compiled here.  Raises RuntimeError without a C compiler."""
+    command = build.system_compiler() or build.zig()
+    library = destination.with_suffix(Path(build.FMU_LIBRARY).suffix)
+    values = [f"-DHEIGHT={WAVE}", f"-DPERIOD={PERIOD}", f"-DLIFT={LIFT}"]
+    options = ["-O2", "-shared", "-fPIC", *values, f"-I{build.fmi_headers()}"]
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    line = [*command, *options, str(HERE / "source.c"), "-o", str(library), "-lm"]
+    done = subprocess.run(line, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"source.c could not be compiled: {done.stderr[-1000:]}")
+    binary = f"binaries/{here()}/{SOURCE}{library.suffix}"
+    write_zip(destination, {"modelDescription.xml": DESCRIPTION.encode(), binary: library.read_bytes()})
+    return destination
+
+
+UNKNOWNS = "".join(f'<Unknown index="{i}" dependencies=""/>' for i in (1, 2, 3))
+DESCRIPTION = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="{SOURCE}" guid="{{4f4a9f0e-square-wave}}">
+  <CoSimulation modelIdentifier="{SOURCE}" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <ScalarVariable name="wave" valueReference="0" causality="output" initial="calculated"><Real/></ScalarVariable>
+    <ScalarVariable name="lift1" valueReference="1" causality="output" initial="calculated"><Real/></ScalarVariable>
+    <ScalarVariable name="lift2" valueReference="2" causality="output" initial="calculated"><Real/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs>{UNKNOWNS}</Outputs>
+    <InitialUnknowns>{UNKNOWNS}</InitialUnknowns>
+  </ModelStructure>
+</fmiModelDescription>
+"""

@@ -1,0 +1,124 @@
+"""Writes a cross-check bundle: a native FMU with inputs, reference results and options, after the rules of the FMI cross-check.
+
+The scenario is the square wave of scenarios.py.  The results are the reference's, so an importer that reproduces them is
+compared with an independent solution and not with this project's kernel.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import tensegrity_core
+from tensegrity_core import reference
+from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, Field
+from tensegrity_core.model import Model
+from tensegrity_core.result import Result
+
+from .interface import Variable, variables
+from .model_description import plain
+from .native_fmu import here, pack_native_fmu
+from .reference_cache import cached, reference_key
+from .scenarios import Scenario, scenarios
+from .validate import input_values, reference_settings
+
+#: The exporting tool's name in the folders of the cross-check.
+TOOL = "tensegrity-fmu"
+#: Simulated time and communication step, s: the rules want files of less than 1 MB.
+DURATION, STEP = 2.0, 0.01
+#: Of the options file; the tolerance is for importers that integrate themselves.
+TOLERANCE = 1e-6
+
+README = """{name}: {title}
+Exported by {tool} {version} for FMI 2.0 co-simulation, {platform}. No licence key, no other software needed.
+
+{name}_in.csv   all inputs, held constant between the rows; at a jump there are two rows.
+{name}_ref.csv  all outputs, SI units, at communication steps of {step:g} s, by an independent integration of the equations.
+{name}_ref.opt  start and stop time, step and tolerance.
+
+Inputs change at communication points only: use the step of the options file.
+"""
+
+
+def write_cross_check(model: Model, folder: Path, naming: str = "structured", cache: Path | None = None, **contents) -> Path:
+    """Write folder/fmus/2.0/cs/PLATFORM/TOOL/VERSION/NAME with the five files; returns it.
+
+    naming, contents: of the FMU, see native_fmu.Contents; cache: of reference runs.  Takes the reference's time for 2 s of
+    motion.  Raises TensegrityError where the reference cannot go on or the FMU cannot be packed.
+    """
+    place = folder / "fmus" / "2.0" / "cs" / here() / TOOL / tensegrity_core.__version__ / model.name
+    run = next(run for run in scenarios(model, DURATION, STEP) if run.name == "square_wave_1d")
+    settings = reference_settings(run)
+    key = reference_key(run.model, run.inputs, settings)
+    result, _ = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings))
+    table = variables(model, naming)
+    table = plain(table) if contents.get("simple") else table
+    texts = {
+        f"{model.name}_in.csv": table_of(*inputs_of(table, run)),
+        f"{model.name}_ref.csv": table_of(*outputs_of(table, model, result)),
+        f"{model.name}_ref.opt": options_of(run.inputs.times),
+        "ReadMe.txt": readme_of(model, run),
+    }
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=place.parent) as scratch:
+        fresh = Path(scratch) / model.name
+        pack_native_fmu(model, fresh / f"{model.name}.fmu", naming, **contents)
+        for name, text in texts.items():
+            (fresh / name).write_text(text, encoding="utf-8", newline="\n")
+        shutil.rmtree(place, ignore_errors=True)
+        os.replace(fresh, place)
+    return place
+
+
+def inputs_of(table: tuple[Variable, ...], run: Scenario) -> tuple[list[str], list[np.ndarray]]:
+    """Names of all inputs, and rows (time, values): start, end, and two rows at each jump."""
+    values, times = input_values(run), run.inputs.times
+    found = [np.array([times[0], *values[0]])]
+    for k in range(1, len(values)):
+        if np.any(values[k] != values[k - 1]):
+            found += [np.array([times[k], *values[k - 1]]), np.array([times[k], *values[k]])]
+    return [row.name for row in table if row.causality == "input"], [*found, np.array([times[-1], *values[-1]])]
+
+
+def outputs_of(table: tuple[Variable, ...], model: Model, result: Result) -> tuple[list[str], list[np.ndarray]]:
+    """Names of all outputs in the order of the variable table, and rows (time, values) of the reference."""
+    columns, present = [result.times[:, None]], {row.field for row in table}
+    for field in (*FIELDS, *INTEGER_FIELDS):
+        if field.role == "output" and field.name in present:
+            columns.append(flattened(field, model, getattr(result, field.name)))
+    return [row.name for row in table if row.causality == "output"], list(np.hstack(columns))
+
+
+def flattened(field: Field, model: Model, values: np.ndarray) -> np.ndarray:
+    """(K+1, variables) of a field, out of the shape that `Result` has."""
+    if field.shape[-1:] == ("D",):
+        nodes = {"N": np.arange(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes}[field.shape[0]]
+        values = values[:, nodes[:, None], list(model.axes)]
+    return values.reshape(len(values), -1)
+
+
+def table_of(names: list[str], rows: list[np.ndarray]) -> str:
+    """A CSV text whose first column is the time."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["time", *names])
+    writer.writerows([[f"{x:.10g}" for x in row] for row in rows])
+    return out.getvalue()
+
+
+def options_of(times: np.ndarray) -> str:
+    """Lines of name and number; nothing else may stand in this file."""
+    step = (times[-1] - times[0]) / (len(times) - 1)
+    options = {"StartTime": times[0], "StopTime": times[-1], "StepSize": step, "RelTol": TOLERANCE}
+    return "".join(f"{name}, {value:.12g}\n" for name, value in options.items())
+
+
+def readme_of(model: Model, run: Scenario) -> str:
+    version = tensegrity_core.__version__
+    return README.format(name=model.name, title=run.title, tool=TOOL, version=version, platform=here(), step=STEP)

@@ -1,0 +1,38 @@
+"""Renders terminalsAndIcons/terminalsAndIcons.xml: what belongs together at a node or a string, for tools that connect by it.
+
+The format is that of FMI 3.0.  FMI 2.0 tools that do not know it pass it over.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as XML
+
+from tensegrity_core.model import Model
+
+from .interface import Variable, variables
+
+#: Fields by kind of terminal: forces with positions at a node, rest length with tension at a string.
+MEMBERS = {
+    "node": ("force", "position", "velocity", "reaction"),
+    "string": ("rest_length", "rest_length_rate", "string_force", "string_length"),
+}
+PATH = "terminalsAndIcons/terminalsAndIcons.xml"
+
+
+def terminals(model: Model, table: tuple[Variable, ...]) -> bytes:
+    """The XML document.  table: the FMU's variables, of any naming."""
+    root = XML.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    listed = XML.SubElement(root, "Terminals")
+    kinds = dict.fromkeys(model.node_names, "node") | dict.fromkeys(model.string_names, "string")
+    found = {name: [] for name in kinds}
+    for row, structured in zip(table, variables(model), strict=True):
+        component, _, member = structured.name.partition(".")
+        if component in kinds and row.field in MEMBERS[kinds[component]]:
+            found[component].append((member, row.name))
+    for name, members in found.items():
+        what = {"terminalKind": kinds[name], "description": f"{kinds[name]} {name}"}
+        terminal = XML.SubElement(listed, "Terminal", name=name, matchingRule="plug", attrib=what)
+        for member, variable in members:
+            XML.SubElement(terminal, "TerminalMemberVariable", variableName=variable, memberName=member, variableKind="signal")
+    XML.indent(root)
+    return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
