@@ -10,7 +10,7 @@
 #define CALM_SIGNS 2    /* implicit steps not worth their cost after which the explicit method returns */
 #define MAX_PATIENCE 96 /* signs of stiffness that it takes after excursions that were not worth it */
 #define TIGHT 2e-6      /* tolerance from which on the order of radau9 pays */
-#define FINE 16.0       /* explicit steps in a communication step that is a short one */
+#define FINE 4.0        /* explicit steps in a communication step that is a short one */
 
 /* How many explicit steps an implicit one costs: measured on scenes of two to six bars and on towers, and fitted to the
  * blocks of the factor (its solves) over the strings (the right-hand side). */

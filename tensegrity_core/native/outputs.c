@@ -3,24 +3,25 @@
 
 #include <string.h>
 
-/* Potential and elastic energy under the present inputs and parameters (J). */
-static void energies(const ts_sim *sim, double tau, double *potential, double *elastic)
+/* Gravitational energy (J). */
+static double potential(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D], z = m->z_axis;
     const double *mass = sim->values + m->at[TS_BAR_MASS];
-    *potential = *elastic = 0.0;
+    double sum = 0.0;
     for (int i = 0; z >= 0 && i < m->count[TS_B]; i++) {
         int base = m->bar_base[i];
         double height = base >= 0 ? m->anchor[base * D + z] + 0.5 * sim->y[m->bar_block[i] * D + z]
                                   : sim->y[m->bar_centre[i] * D + z];
-        *potential += mass[i] * sim->values[m->at[TS_GRAVITY]] * height;
+        sum += mass[i] * height;
     }
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        double gap, rate;
-        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        *elastic += ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[m->at[TS_STIFFNESS] + i]);
-    }
+    return sum * sim->values[m->at[TS_GRAVITY]];
+}
+
+static double energy_of_string(const ts_sim *sim, int i, double gap)
+{
+    return ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i]);
 }
 
 /* Energy stored in clipped strings (J). */
@@ -31,16 +32,20 @@ double ts_clipped_energy(const ts_sim *sim, double tau)
     for (int i = 0; m->damping_law == TS_TENSION_ONLY && i < m->count[TS_S]; i++) {
         if (!sim->clipped[i]) continue;
         ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        sum += ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[m->at[TS_STIFFNESS] + i]);
+        sum += energy_of_string(sim, i, gap);
     }
     return sum;
 }
 
+/* Potential and elastic energy at the present state, under inputs and parameters that may be new (J). */
 double ts_stored_energy(const ts_sim *sim, double tau)
 {
-    double potential, elastic;
-    energies(sim, tau, &potential, &elastic);
-    return potential + elastic;
+    double sum = potential(sim), gap, rate;
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        sum += energy_of_string(sim, i, gap);
+    }
+    return sum;
 }
 
 static double kinetic(const ts_sim *sim)
@@ -60,46 +65,33 @@ static void nodes(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
+    double *position = sim->values + m->at[TS_POSITION], *velocity = sim->values + m->at[TS_VELOCITY];
     for (int n = 0; n < m->count[TS_N]; n++) {
-        double *x = sim->values + m->at[TS_POSITION] + n * D;
-        const double *v = sim->y + m->nq;
-        for (int d = 0; d < D; d++) {
-            double position = m->anchor[n * D + d], velocity = 0.0;
-            if (m->node_centre[n] >= 0) {
-                position += sim->y[m->node_centre[n] * D + d];
-                velocity += v[m->node_centre[n] * D + d];
-            }
-            if (m->node_block[n] >= 0) {
-                position += m->node_coef[n] * sim->y[m->node_block[n] * D + d];
-                velocity += m->node_coef[n] * v[m->node_block[n] * D + d];
-            }
-            x[d] = position;
-            if (m->free_index[n] >= 0) sim->values[m->at[TS_VELOCITY] + m->free_index[n] * D + d] = velocity;
-        }
+        const double *x = sim->x + 2 * D * n;
+        int free = m->free_index[n];
+        for (int d = 0; d < D; d++) position[n * D + d] = x[d];
+        for (int d = 0; d < D && free >= 0; d++) velocity[free * D + d] = x[D + d];
     }
 }
 
-/* Tensions, and the forces of strings, loads and gravity on the nodes. */
-static void forces(ts_sim *sim, double tau)
+static void strings(ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        double fs = sim->fs[i];
+        if (sim->clipped[i]) ts_tension(sim, i, sim->gap[i], sim->gap_rate[i], &fs); /* the spring pulls all the same */
+        sim->values[m->at[TS_STRING_FORCE] + i] = sim->fs[i] + sim->fd[i];
+        sim->values[m->at[TS_ELASTIC_FORCE] + i] = fs;
+        sim->values[m->at[TS_STRING_LENGTH] + i] = sim->gap[i] + ts_rest_length(sim, i, tau);
+    }
+}
+
+/* Loads and gravity on the nodes, in addition to the strings' forces. */
+static void loads(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    const double *x = sim->values + m->at[TS_POSITION], *mass = sim->values + m->at[TS_BAR_MASS];
-    memset(sim->node_force, 0, sizeof(double) * (size_t)(m->count[TS_N] * D));
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        double gap, rate, fs, xi;
-        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        xi = gap + ts_rest_length(sim, i, tau);
-        double T = ts_tension(sim, i, gap, rate, &fs), density = xi > 0.0 ? T / xi : 0.0;
-        sim->values[m->at[TS_STRING_FORCE] + i] = T;
-        sim->values[m->at[TS_ELASTIC_FORCE] + i] = fs;
-        sim->values[m->at[TS_STRING_LENGTH] + i] = xi;
-        for (int d = 0; d < D; d++) {
-            double f = density * (x[m->strings[2 * i + 1] * D + d] - x[m->strings[2 * i] * D + d]);
-            sim->node_force[m->strings[2 * i] * D + d] += f;
-            sim->node_force[m->strings[2 * i + 1] * D + d] -= f;
-        }
-    }
+    const double *mass = sim->values + m->at[TS_BAR_MASS];
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D && m->free_index[n] >= 0; d++) {
             int i = m->at[TS_FORCE] + m->free_index[n] * D + d;
@@ -144,17 +136,20 @@ static void bars(ts_sim *sim)
     }
 }
 
-/* Fill all outputs; f0 is the derivative at the present state. */
+/* Fill all outputs from what ts_rhs() has just found at the present state; f0 is the derivative there. */
 void ts_outputs(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
     double *out = sim->values;
     nodes(sim);
-    forces(sim, tau);
+    strings(sim, tau);
+    loads(sim, tau);
     reactions(sim);
     bars(sim);
     out[m->at[TS_KINETIC]] = kinetic(sim);
-    energies(sim, tau, out + m->at[TS_POTENTIAL], out + m->at[TS_ELASTIC]);
+    out[m->at[TS_POTENTIAL]] = potential(sim);
+    out[m->at[TS_ELASTIC]] = 0.0;
+    for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->gap[i]);
     out[m->at[TS_DISSIPATED]] = sim->y[2 * m->nq];
     out[m->at[TS_INPUT_WORK]] = sim->y[2 * m->nq + 1];
     out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];

@@ -336,7 +336,7 @@ static void settle(ts_sim *sim, double h, int sloped)
     add_time(&sim->memory, h);
     sim->memory.last_step = h;
     sim->memory.sloped = sloped;
-    if (sim->memory.span.h > 0.0) ts_rhs(sim, h, sim->y, sim->f0); /* an open step's own derivatives are elsewhere */
+    ts_rhs(sim, h, sim->y, sim->f0);
     ts_outputs(sim, h);
 }
 
