@@ -555,3 +555,10 @@ def test_size_of_a_serialised_state(instance):
     one.fmu.fmi2SerializedFMUstateSize(one.fmu.component, state, ctypes.byref(size))
     assert size.value == len(one.fmu.serializeFMUstate(state)) > Kernel(scene("two_bar")).state_size
     one.fmu.freeFMUstate(state)
+
+
+def test_integers_can_be_read_as_reals(instance):
+    """Some importers read every output so."""
+    one = instance("three_bar_nsh")
+    references = [one.by_name[name].valueReference for name in ("n4.z", "s1.snapped", "solver.method")]
+    assert one.fmu.getReal(references) == [one.get("n4.z"), 0.0, 0.0]

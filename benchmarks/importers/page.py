@@ -27,8 +27,7 @@ Tools count their time differently; the last digits of their step sizes are what
 A native FMU carries `terminalsAndIcons/terminalsAndIcons.xml` (FMI 3.0's format), with the variables of each node and each
 string together. None of these tools minds it.
 
-With simple types the Python FMU, too, was seen to pass in PathSim and CoFmuPy. In Maestro it cannot run: a Java process holds
-no libpython (`undefined symbol: _Py_NoneStruct`).
+The Python FMU cannot run in Maestro, with simple types or without: a Java process holds no libpython.
 
 How the inputs reach the FMU:
 

@@ -178,7 +178,7 @@ class TensegritySlave(Fmi2Slave):
         group = self._table.reals.group(references)
         if group is not None:
             return self._values[group.index].tolist()
-        return [self._get_one(self._table.reals, self._values, i, math.nan) for i in references]
+        return [self._get_as_real(i) for i in references]
 
     @guarded(lambda references: [0] * len(references))
     def get_integer(self, references):
@@ -188,6 +188,12 @@ class TensegritySlave(Fmi2Slave):
         if group is not None:
             return self._integers[group.index].tolist()
         return [self._get_one(self._table.integers, self._integers, i, 0) for i in references]
+
+    def _get_as_real(self, reference):
+        """Some importers read every output as a Real; references are unique over the types, so that an integer is clear."""
+        if reference in self._table.integers:
+            return float(self._integers[reference - self._table.integers.first])
+        return self._get_one(self._table.reals, self._values, reference, math.nan)
 
     def _get_one(self, block, values, reference, missing):
         if reference in block:
