@@ -201,6 +201,7 @@ double peer_outputs(peer *p, const double *x, double *position)
     const int32_t *at = p->sim->m.at;
     const double *values = ts_values(p->sim);
     memcpy(p->sim->y, x, sizeof(double) * (size_t)p->n);
+    ts_rhs(p->sim, 0.0, p->sim->y, p->sim->f0); /* whose findings the outputs are */
     ts_outputs(p->sim, 0.0);
     memcpy(position, values + at[TS_POSITION], sizeof(double) * (size_t)(at[TS_VELOCITY] - at[TS_POSITION]));
     return values[at[TS_KINETIC]] + values[at[TS_POTENTIAL]] + values[at[TS_ELASTIC]];

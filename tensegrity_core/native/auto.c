@@ -80,7 +80,6 @@ void ts_review_restart(ts_sim *sim, double tau)
 {
     ts_memory *memory = &sim->memory;
     int ny = sim->m.ny;
-    if (sim->force_jumps) memory->patience = TS_PATIENCE;
     if (memory->method != TS_METHOD_AUTO || memory->active == TS_METHOD_DOP853 || !sim->force_jumps) return;
     double tolerance = sim->values[sim->m.at[TS_TOLERANCE]];
     double speed = ts_error_norm(sim, sim->f0, sim->y, sim->y) * tolerance, h = 1e-4 / speed;
