@@ -17,6 +17,7 @@ import growth  # noqa: E402
 import machine  # noqa: E402
 import problems  # noqa: E402
 import scene_costs  # noqa: E402
+import fmu_speed  # noqa: E402
 import speed  # noqa: E402
 import work_precision  # noqa: E402
 import work_precision_data as data  # noqa: E402
@@ -261,6 +262,7 @@ PAGES = [
     ("growth.md", "growth.json", lambda path: json.loads(path.read_text()), growth.report),
     ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text()), scene_costs.report),
     ("speed.md", "speed.json", lambda path: json.loads(path.read_text()), speed.report),
+    ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text()), fmu_speed.report),
 ]
 
 
