@@ -99,7 +99,7 @@ FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size
 static void to_instantiated(instance *fmu)
 {
     fmu->mode = FMU_INSTANTIATED;
-    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->derivatives_ready = 0;
+    fmu->stale = fmu->tolerance_set = fmu->stop_defined = fmu->discarded = fmu->derivatives_ready = 0;
     fmu->start = fmu->time = fmu->stop = 0.0;
 }
 
@@ -420,9 +420,10 @@ static const char *wrong_step(const instance *fmu, double point, double h, char 
     return form ? text : NULL;
 }
 
-static fmi2Status discard(const instance *fmu, double point)
+static fmi2Status discard(instance *fmu, double point)
 {
     char time[32];
+    fmu->discarded = 1;
     fmu_number(point, time);
     fmu_log(fmu, LOG_DISCARD, fmi2Discard, "the step from t = %s s is discarded: %s", time, ts_message(fmu->sim));
     return fmi2Discard;
@@ -435,7 +436,7 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, f
     (void)no_set_state_prior;
     if (wrong_step(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
     if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point);
-    fmu->derivatives_ready = 0;
+    fmu->discarded = fmu->derivatives_ready = 0;
     fmu->time = point + h;
     if (fmu->log[LOG_EVENTS] && ts_transition_count(fmu->sim)) log_events(fmu);
     return fmi2OK;
@@ -477,12 +478,14 @@ FMI2_Export fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKin
     return not_pending(fmu, __func__);
 }
 
+/* After a discarded step an importer asks whether to end the run.  The same step again would be discarded again, and some ask for
+ * it for ever; so the answer is yes until a step succeeds. */
 FMI2_Export fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
 {
     REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
     REQUIRE_POINTER(value);
     if (kind != fmi2Terminated) return not_pending(fmu, __func__);
-    *value = fmi2False; /* the FMU never asks to end the run */
+    *value = fmu->discarded ? fmi2True : fmi2False;
     return fmi2OK;
 }
 

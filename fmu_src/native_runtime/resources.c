@@ -16,27 +16,46 @@ static int hex(char c)
     return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
 }
 
-/* file:///a%20b, file:/a%20b and file://host/a%20b -> /a b (UTF-8); anything else is taken for a path. */
-static void decode(const char *uri, char *path)
+static int is_scheme(const char *uri)
 {
-    if (strncmp(uri, "file:", 5)) {
-        strcpy(path, uri);
-        return;
-    }
-    uri += 5;
-    if (!strncmp(uri, "//", 2)) {
-        uri += 2;
-        while (*uri && *uri != '/') uri++;
-    }
-#if defined(_WIN32)
-    if (uri[0] == '/' && uri[1] && uri[2] == ':') uri++; /* /C:/... */
-#endif
+    static const char scheme[] = "file:";
+    for (int i = 0; scheme[i]; i++)
+        if ((uri[i] | 32) != (scheme[i] | 32)) return 0;
+    return 1;
+}
+
+static void percent_decode(const char *uri, char *path)
+{
     while (*uri) {
         int high = uri[0] == '%' ? hex(uri[1]) : -1, low = high >= 0 ? hex(uri[2]) : -1;
         *path++ = low >= 0 ? (char)(16 * high + low) : *uri;
         uri += low >= 0 ? 3 : 1;
     }
     *path = 0;
+}
+
+static int is_drive(const char *path)
+{
+    return ((path[0] | 32) >= 'a' && (path[0] | 32) <= 'z') && path[1] == ':';
+}
+
+/* file:///a%20b, file:/a%20b and file://localhost/a%20b -> /a b (UTF-8); on Windows file:///C:/a and file://C:/a -> C:/a,
+ * file://host/a -> //host/a; what is no URI is taken for a path. */
+static void decode(const char *uri, char *path, int windows)
+{
+    if (!is_scheme(uri)) {
+        strcpy(path, uri);
+        return;
+    }
+    percent_decode(uri + 5, path);
+    size_t start = 0;
+    if (!strncmp(path, "//", 2)) {
+        size_t host = strcspn(path + 2, "/");
+        if (windows && is_drive(path + 2)) start = 2;
+        else if (!windows || host == 0 || (host == 9 && !strncmp(path + 2, "localhost", 9))) start = 2 + host;
+    }
+    if (windows && path[start] == '/' && is_drive(path + start + 1)) start++;
+    memmove(path, path + start, strlen(path + start) + 1);
 }
 
 static FILE *open_file(const char *path)
@@ -73,7 +92,11 @@ char *fmu_resource(const char *location, const char *name, size_t *size, char *m
         snprintf(message, capacity, "out of memory");
         return NULL;
     }
-    decode(location, path);
+#if defined(_WIN32)
+    decode(location, path, 1);
+#else
+    decode(location, path, 0);
+#endif
     size_t length = strlen(path);
     if (length && path[length - 1] != '/' && path[length - 1] != '\\') strcat(path, "/");
     strcat(path, name);

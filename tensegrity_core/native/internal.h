@@ -142,12 +142,12 @@ struct ts_sim {
     double *inv;  /* (blocks) inverse inertia, 1/kg */
     double *lo, *hi; /* (S) ends of the present piece, m */
     double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
-    double *rest, *rest_rate, *rest_bend; /* (lanes) m, m/s, m/s2, at the step's start */
+    double *rest, *rest_rate, *rest_bend, *rest_jerk; /* (lanes) m, m/s, m/s2, m/s3, at the step's start */
     double *rest_now, *rest_rate_now;     /* (lanes) at the evaluation at hand, where rest lengths bend */
     double *Qf_rate, *Qf_bend;            /* (nq) first and second derivative of Qf, N/s, N/s2 */
     double *k_on, *d_on; /* (lanes) N/m, N s/m on the present piece; k_on: of straight force curves */
-    int32_t rest_moves;  /* some rest_rate or rest_bend is not zero */
-    int32_t rest_bends;  /* some rest_bend is not zero */
+    int32_t rest_moves;  /* some rest_rate, rest_bend or rest_jerk is not zero */
+    int32_t rest_bends;  /* some rest_bend or rest_jerk is not zero */
     int32_t forces_move; /* some force has a derivative */
     int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
 
@@ -247,6 +247,7 @@ void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]);
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int string, double *gap, double *rate);
 double ts_tension(const ts_sim *sim, int string, double gap, double rate, double *elastic);
 double ts_rest_length(const ts_sim *sim, int string, double tau);
+double ts_rest_rate(const ts_sim *sim, int string, double tau);
 int ts_sloped(const ts_sim *sim);
 void ts_project(const ts_sim *sim, double *y);
 void ts_project_block(const ts_sim *sim, double *y, int block);

@@ -15,12 +15,13 @@ ALWAYS_INLINE void string_stiffness(const ts_sim *sim, double tau, int i, const 
     int lanes = sim->m.lanes;
     double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
     if (sim->m.beams[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
-    double rest_rate = sim->rest_rate[i] + sim->rest_bend[i] * tau, rate = sim->gap_rate[i] + rest_rate;
+    double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest_bend[i] + sim->rest_jerk[i] * tau;
+    double rate = sim->gap_rate[i] + rest_rate;
     double density = (sim->fs[i] + sim->fd[i]) * over;
     for (int d = 0; d < D; d++) {
         u[d] = sim->s[d * lanes + i] * over;
         ud[d] = damping * over * (sim->sd[d * lanes + i] - rate * u[d]);
-        ft[d] = -(slope * rest_rate + damping * sim->rest_bend[i]) * u[d];
+        ft[d] = -(slope * rest_rate + damping * rest_bend) * u[d];
     }
     if (!exact) {
         density = density > 0.0 ? density : 0.0;

@@ -84,7 +84,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(sim->Qf, nq), TAKE(sim->Qf_rate, nq), TAKE(sim->Qf_bend, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
     TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->sign_changed, S);
     TAKE(sim->margin_low, S), TAKE(sim->margin_high, S);
-    TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->rest_bend, lanes);
+    TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->rest_bend, lanes), TAKE(sim->rest_jerk, lanes);
     TAKE(sim->rest_now, lanes), TAKE(sim->rest_rate_now, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
     TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * D * lanes), TAKE(sim->over, lanes);
     TAKE(sim->gap, lanes), TAKE(sim->gap_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);

@@ -50,7 +50,8 @@ static void prepare_rest_lengths(ts_sim *sim)
         sim->rest[i] = sim->values[length + i];
         sim->rest_rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->values[rate + i];
         sim->rest_bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
-        sim->rest_bends |= sim->rest_bend[i] != 0.0;
+        sim->rest_jerk[i] = second[rate + i];
+        sim->rest_bends |= sim->rest_bend[i] != 0.0 || sim->rest_jerk[i] != 0.0;
         sim->rest_moves |= sim->rest_bends || sim->rest_rate[i] != 0.0;
     }
 }
@@ -81,7 +82,13 @@ void ts_prepare(ts_sim *sim)
 /* Rest length of a string at tau from the step's start (m). */
 double ts_rest_length(const ts_sim *sim, int i, double tau)
 {
-    return sim->rest[i] + (sim->rest_rate[i] + 0.5 * sim->rest_bend[i] * tau) * tau;
+    return sim->rest[i] + (sim->rest_rate[i] + (0.5 * sim->rest_bend[i] + sim->rest_jerk[i] * tau / 6.0) * tau) * tau;
+}
+
+/* Its rate (m/s). */
+double ts_rest_rate(const ts_sim *sim, int i, double tau)
+{
+    return sim->rest_rate[i] + (sim->rest_bend[i] + 0.5 * sim->rest_jerk[i] * tau) * tau;
 }
 
 /* What a string bears on its piece: coefficients of its tension, zero where it bears nothing. */
@@ -219,7 +226,7 @@ static void bend_rest_lengths(ts_sim *sim, double tau)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         sim->rest_now[i] = ts_rest_length(sim, i, tau);
-        sim->rest_rate_now[i] = sim->rest_rate[i] + sim->rest_bend[i] * tau;
+        sim->rest_rate_now[i] = ts_rest_rate(sim, i, tau);
     }
 }
 
@@ -369,7 +376,7 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(s
 ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int D)
 {
     const ts_model *m = &sim->m;
-    double s[3], sd[3], xd = sim->rest_rate[i] + sim->rest_bend[i] * tau;
+    double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
     string_vector(m, y, y + m->nq, i, s, sd, D);
     double xi = sqrt(dot(s, s, D));
     *gap = xi - ts_rest_length(sim, i, tau);

@@ -1,6 +1,7 @@
 /* Outputs from the state at the end of a step. */
 #include "internal.h"
 
+#include <math.h>
 #include <string.h>
 
 /* Gravitational energy (J). */
@@ -181,6 +182,21 @@ static void outputs_beside(ts_sim *sim, double tau, const double *y, const doubl
     ts_outputs(sim, tau + shift);
 }
 
+/* What the ledger gets from differences instead of integrals (integrate.c) is not in f: the power of external forces that stay, and
+ * what the dampers of clipped strings take of their springs. */
+static void add_differences(const ts_sim *sim, double clipped_rate, double *out)
+{
+    const ts_model *m = &sim->m;
+    double *work = out + m->at[TS_INPUT_WORK] - sim->n_applied, *throughput = out + m->at[TS_THROUGHPUT] - sim->n_applied;
+    for (int i = 0; i < m->nq && !sim->forces_move; i++) {
+        double power = sim->Qf[i] * sim->y[m->nq + i];
+        *work += power;
+        *throughput += fabs(power);
+    }
+    out[m->at[TS_DISSIPATED] - sim->n_applied] -= clipped_rate;
+    *throughput += fabs(clipped_rate);
+}
+
 /* First derivatives of all real outputs at tau: central differences along the tangent, the strings staying on their pieces;
  * positions and velocities are exact.  The state stays as it is, the outputs do not. */
 void ts_tangent_outputs(ts_sim *sim, double tau, double *out)
@@ -192,9 +208,12 @@ void ts_tangent_outputs(ts_sim *sim, double tau, double *out)
     ts_rhs(sim, tau, y, f);
     outputs_beside(sim, tau, y, f, shift);
     memcpy(out, sim->values + first, sizeof(double) * (size_t)count);
+    double clipped = ts_clipped_energy(sim, tau + shift);
     outputs_beside(sim, tau, y, f, -shift);
+    clipped = (clipped - ts_clipped_energy(sim, tau - shift)) / (2.0 * shift);
     for (int i = 0; i < count; i++) out[i] = (out[i] - sim->values[first + i]) / (2.0 * shift);
     memcpy(sim->y, y, sizeof(double) * (size_t)ny);
     memcpy(sim->f0, f, sizeof(double) * (size_t)ny);
     node_rates(sim, f, out);
+    add_differences(sim, clipped, out);
 }

@@ -54,8 +54,9 @@ TS_API int32_t ts_real_count(const ts_sim *sim); /* of the blocks */
 TS_API int32_t ts_integer_count(const ts_sim *sim);
 
 /* First and then second derivatives by time of the inputs, in the order of the block of doubles; zero unless they are set, and
- * then kept like the inputs themselves.  Over a step an input is its value + slope t + bend t^2/2, t from the step's start.  A
- * derivative of a rest length that is not zero takes the place of the rest length's rate or of that rate's derivative. */
+ * then kept like the inputs themselves.  Over a step an input is its value + slope t + bend t^2/2, t from the step's start; a
+ * rest length is the integral of its rate.  A derivative of a rest length that is not zero takes the place of the rate or of the
+ * rate's first derivative. */
 TS_API int32_t ts_input_count(const ts_sim *sim);
 TS_API double *ts_slopes(ts_sim *sim);
 TS_API double ts_time(const ts_sim *sim); /* s */
