@@ -63,7 +63,8 @@ void ts_review_method(ts_sim *sim, double h)
     memory->worthwhile |= worth(sim, memory->active, h, memory->h_explicit);
     memory->stiff = worth(sim, memory->active, memory->h_next, memory->h_explicit) ? 0 : memory->stiff + 1;
     if (memory->stiff < CALM_SIGNS) return;
-    memory->patience = memory->worthwhile ? TS_PATIENCE : 4 * memory->patience > MAX_PATIENCE ? MAX_PATIENCE : 4 * memory->patience;
+    int longer = 4 * memory->patience < MAX_PATIENCE ? 4 * memory->patience : MAX_PATIENCE;
+    memory->patience = memory->worthwhile ? TS_PATIENCE : longer;
     return_to_explicit(memory, memory->h_explicit);
 }
 

@@ -317,7 +317,8 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         if (n >= TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
         look_ahead(sim, method, &p);
-        if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, p.ahead ? p.longest : fmin(end - tau, p.longest));
+        double most = p.ahead ? p.longest : fmin(end - tau, p.longest);
+        if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, most);
         double h = next_step(sim, method, &p, tau, &last);
         if (!(h > 4.0 * DBL_EPSILON * (tau + h)) || !(h > LEAST_STEP * end)) return fail(sim, TS_STEP_TOO_SMALL);
         if (!try_step(sim, method, tau, h, last)) {

@@ -4,7 +4,8 @@
  * The method keeps its order with any matrix in the place of the Jacobian, so it takes the part that damps
  * (ts_damping_jacobian): the system that it solves is then never singular, whatever stiffness, damping and step.  Where a
  * string is too stiff for the step to resolve, the more damping of the two coefficients keeps what strings do to each other
- * when they go slack and taut from feeding on itself.  Dense output is the cubic through positions and velocities at both ends, which no fast transient of a force can spoil. */
+ * when they go slack and taut from feeding on itself.  Dense output is the cubic through positions and velocities at both
+ * ends, which no fast transient of a force can spoil. */
 #include "stages.h"
 
 #include <math.h>

@@ -275,7 +275,8 @@ static void undo(ts_sim *sim, const ts_memory *memory)
 /* Smallest rest length of a string within the step, m: at an end, or where its rate, a quadratic, is zero. */
 static double shortest_rest_length(const ts_sim *sim, int i, double h)
 {
-    double r = sim->rest_rate[i], b = sim->rest_bend[i], j = sim->rest_jerk[i], least = fmin(sim->rest[i], ts_rest_length(sim, i, h));
+    double r = sim->rest_rate[i], b = sim->rest_bend[i], j = sim->rest_jerk[i];
+    double least = fmin(sim->rest[i], ts_rest_length(sim, i, h));
     double root = b * b - 2.0 * j * r, q = -(b + (b < 0.0 ? -1.0 : 1.0) * sqrt(root)); /* no number where there is no root */
     double turn[2] = {q / j, 2.0 * r / q};
     for (int k = 0; k < 2; k++)
