@@ -1,13 +1,14 @@
 """The command `tensegrity`: one function per subcommand, listed in `COMMANDS`.
 
 A subcommand gets the parsed arguments, prints to stdout and returns an exit code.  A mistake of the user ends with its
-message on stderr and exit code 2.
+message on stderr and exit code 2.  A reader of stdout that has gone (`| head`) ends it quietly.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,15 +47,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         subparser.set_defaults(run=command.run)
     chosen = parser.parse_args(arguments)
     try:
-        return chosen.run(chosen)
+        code = chosen.run(chosen)
+        sys.stdout.flush()  # a reader that has gone shows here, not at the interpreter's exit
+        return code
     except TensegrityError as error:
         print(error, file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
 
 
 def _scene_argument(parser: argparse.ArgumentParser) -> None:
     names = ", ".join(builtin_scenes())
     parser.add_argument("scene", metavar="SCENE", help=f"path of a scene file (.toml), or one of: {names}")
+
+
+def _model(name: str) -> tuple[Model, str]:
+    """The model of a scene that was named on the command line, and the scene's kind of start."""
+    if not name.endswith(".toml") and name not in builtin_scenes() and Path(f"{name}.toml").is_file():
+        raise InputError(f"{name} is neither a built-in scene nor a .toml file; did you mean {name}.toml?")
+    scene = load_scene(name)
+    return statics.build_model(scene), scene.start
 
 
 def _no_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,8 +80,7 @@ def _no_arguments(parser: argparse.ArgumentParser) -> None:
 
 def check(arguments: argparse.Namespace) -> int:
     """Load a scene, build its model, and say what it is."""
-    scene = load_scene(arguments.scene)
-    print(summary(statics.build_model(scene), scene.start))
+    print(summary(*_model(arguments.scene)))
     return 0
 
 
@@ -82,7 +95,7 @@ def summary(model: Model, start: str) -> str:
         f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
         *_analysis(model),
         f"  start: {start}, largest unbalanced force {unbalanced:.1e} N, {'stable' if stable else 'unstable'} "
-        f"(lowest stiffness {lowest:.4g} N/m)",
+        f"(lowest stiffness {lowest:z.4g} N/m)",
         *_moves(model),
         *_forces(model),
     ]
@@ -121,14 +134,14 @@ def _forces(model: Model) -> list[str]:
     force, count = statics.member_forces(model), len(model.strings)
     if len(force) > LISTED:
         kinds = [("strings", force[:count]), ("bars", force[count:])]
-        rows = [f"    {kind}: {f.min():.6g} to {f.max():.6g} N" for kind, f in kinds if len(f)]
+        rows = [f"    {kind}: {f.min():z.6g} to {f.max():z.6g} N" for kind, f in kinds if len(f)]
         return ["  member forces (tension positive):", *rows]
     strings = zip(model.string_names, force, model.rest_length)
     bars = zip(model.bar_names, force[count:])
     return [
         "  member forces (tension positive):",
-        *(f"    {name}: {f:.6g} N, rest length {xi:.6g} m" for name, f, xi in strings),
-        *(f"    {name}: {f:.6g} N" for name, f in bars),
+        *(f"    {name}: {f:z.6g} N, rest length {xi:.6g} m" for name, f, xi in strings),
+        *(f"    {name}: {f:z.6g} N" for name, f in bars),
     ]
 
 
@@ -184,7 +197,7 @@ def _run_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        help="constant external forces in N on free nodes, such as n4.z=45 n5.x=-10",
+        help="constant external forces in N on free nodes, each component once, such as n4.z=45 n5.x=-10",
     )
     parser.add_argument("--duration", type=float, default=5.0, help="simulated time, s (default %(default)s)")
     parser.add_argument("--method", choices=METHODS, default="auto", help="integration method (default %(default)s)")
@@ -193,7 +206,8 @@ def _run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
     _run_arguments(parser)
-    parser.add_argument("--step", type=float, default=0.01, help="time between samples, s (default %(default)s)")
+    step = "time between samples, s (not the integrator's step; default %(default)s)"
+    parser.add_argument("--step", type=float, default=0.01, help=step)
     parser.add_argument("--output", metavar="FILE", help="write the series to this .csv or .npz file")
 
 
@@ -208,7 +222,7 @@ def simulate(arguments: argparse.Namespace) -> int:
     """Simulate a scene under constant forces, say how it went, and write the series."""
     output = arguments.output and require_writable(arguments.output, (".csv", ".npz"))
     times = sample_times(arguments.duration, arguments.step)
-    model = statics.build_model(load_scene(arguments.scene))
+    model, _ = _model(arguments.scene)
     result, _ = _run(model, times, arguments)
     if output:
         write_result(model, result, output)
@@ -227,7 +241,7 @@ def animate(arguments: argparse.Namespace) -> int:
         raise InputError(f"--fps = {arguments.fps} is out of range; give a whole number from 1 to 50")
     speed = _positive("--speed", arguments.speed)
     times = sample_times(arguments.duration, speed / arguments.fps)
-    model = statics.build_model(load_scene(arguments.scene))
+    model, _ = _model(arguments.scene)
     result, inputs = _run(model, times, arguments)
     force = np.concatenate((inputs.force, inputs.force[-1:]))
     write_film(model, result, output, arguments.fps, force)
@@ -261,7 +275,8 @@ def sample_times(duration: float, step: float) -> np.ndarray:
 
 
 def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
-    """(N, 3) N from texts such as n4.z=45; forces on the same place add up.  Raises InputError."""
+    """(N, 3) N from texts such as n4.z=45.  Raises InputError, also where a component is given twice."""
+    given: dict[str, str] = {}
     force = np.zeros((len(model.nodes), 3))
     for text in texts:
         place, equals, number = text.partition("=")
@@ -282,15 +297,18 @@ def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
             value = math.nan
         if not math.isfinite(value):
             raise InputError(f"--force {text}: {number!r} is not a finite number; write as in {place}=45")
-        force[model.node_names.index(node), "xyz".index(axis)] += value
+        if place in given:
+            raise InputError(f"--force {text}: {place} is given twice, before as {given[place]}; give the sum once")
+        given[place] = text
+        force[model.node_names.index(node), "xyz".index(axis)] = value
     return force
 
 
 def end_of_run(model: Model, result: Result) -> str:
     """What `tensegrity simulate` prints: the cost of the run, and where it ended."""
     stats, places = result.stats, zip(model.node_names, result.position[-1, :, list(model.axes)].T)
-    rows = [f"    {name}: {', '.join(f'{x:.6f}' for x in place)}" for name, place in places]
-    forces = [f"    {name}: {force:.6g}" for name, force in zip(model.string_names, result.string_force[-1])]
+    rows = [f"    {name}: {', '.join(f'{x:z.6f}' for x in place)}" for name, place in places]
+    forces = [f"    {name}: {force:z.6g}" for name, force in zip(model.string_names, result.string_force[-1])]
     return "\n".join(
         [
             f"{model.name}: {result.times[-1]:g} s in {stats['steps']} steps, {len(result.transitions)} transitions, "

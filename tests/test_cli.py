@@ -1,5 +1,9 @@
 """The subcommands `simulate`, `animate` and `tower`: what they write, and what they refuse."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,13 +11,14 @@ from support import scene
 
 from fmu_src.interface import variables
 from tensegrity_core import export
-from tensegrity_core.cli import main
+from tensegrity_core.cli import end_of_run, main
 from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 from tensegrity_core.towers import tower
 
+ROOT = Path(__file__).resolve().parent.parent
 SHORT = ["--duration", "0.2", "--step", "0.05"]
 
 
@@ -55,10 +60,10 @@ def test_npz_has_the_fields_of_the_result(tmp_path):
         assert len(stored["transitions"])
 
 
-def test_forces_on_one_place_add_up_and_options_repeat(tmp_path):
+def test_the_force_option_repeats(tmp_path):
     once, twice = tmp_path / "a.csv", tmp_path / "b.csv"
-    assert main(["simulate", "two_bar", "--force", "n4.z=45", *SHORT, "--output", str(once)]) == 0
-    split = ["--force", "n4.z=40", "--force", "n4.z=5"]
+    assert main(["simulate", "two_bar", "--force", "n4.z=45", "n3.x=5", *SHORT, "--output", str(once)]) == 0
+    split = ["--force", "n4.z=45", "--force", "n3.x=5"]
     assert main(["simulate", "two_bar", *split, *SHORT, "--output", str(twice)]) == 0
     assert once.read_bytes() == twice.read_bytes()
 
@@ -94,6 +99,7 @@ BAD = {
     "infinite force": (["--force", "n3.z=1e400"], ["'1e400'"]),
     "no equals sign": (["--force", "n3.z"], ["n3.z", "NODE.AXIS=N"]),
     "no axis": (["--force", "n3=1"], ["n3=1", "NODE.AXIS=N"]),
+    "one component twice": (["--force", "n4.z=40", "n3.x=1", "n4.z=5"], ["n4.z=5", "twice", "n4.z=40"]),
     "negative duration": (["--duration", "-1"], ["--duration = -1.0", "greater than 0"]),
     "duration is no number": (["--duration", "nan"], ["--duration = nan"]),
     "bad tolerance": (["--tolerance", "0"], ["--tolerance = 0.0"]),
@@ -156,6 +162,30 @@ def test_unknown_scene_exits_with_2(tmp_path, capsys):
     assert main(["simulate", "three_bars", "--output", str(tmp_path / "run.csv")]) == 2
     assert "Did you mean three_bar?" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command, output", [("check", []), ("simulate", []), ("animate", ["--output", "film.gif"])])
+def test_a_scene_without_its_ending_is_guessed(command, output, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mast.toml").write_text("")
+    assert main([command, "mast", *output]) == 2
+    assert "did you mean mast.toml?" in capsys.readouterr().err
+
+
+def test_zero_has_no_sign(capsys):
+    model = scene("two_bar")
+    result = simulate(model, held(model, grid(0.2, 0.05)))
+    result.position[-1, 0], result.string_force[-1] = -1e-17, -0.0
+    shown = end_of_run(model, result)
+    assert "n1: 0.000000, 0.000000" in shown and "s1: 0\n" in shown and "-0" not in shown
+
+
+def test_a_reader_that_leaves_ends_it_quietly():
+    command = [sys.executable, "-m", "tensegrity_core.cli", "schema"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):

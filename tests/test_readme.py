@@ -44,6 +44,7 @@ WRITTEN = {
         "scene.schema.json",
         "three_bar_nsh.png",
     ),
+    "docs/fmu.md": ("dist/native/three_bar_nsh.fmu",),
 }
 
 
@@ -89,7 +90,7 @@ def test_code_blocks_run(page, tmp_path):
                 run_line(line, tmp_path)
         else:
             pytest.fail(f"a block in {language!r}, which nothing runs:\n{text}")
-    missing = [name for name in WRITTEN.get(page.name, ()) if not (tmp_path / name).is_file()]
+    missing = [name for name in WRITTEN.get(page.relative_to(ROOT).as_posix(), ()) if not (tmp_path / name).is_file()]
     assert not missing
 
 
