@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from fmu_src.cross_check import write_cross_check
-from fmu_src.native_fmu import here, pack_native_fmu
+from fmu_src.native_fmu import cross_compiled, here, pack_native_fmu
 from fmu_src.pack import fmi_platform, pack_python_fmu
 from fmu_src.report import write_report
 from fmu_src.scenarios import scenarios
@@ -15,7 +16,7 @@ from fmu_src.validate import CACHE, Validation, finish, run_outside, submit, wor
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
-from tensegrity_core.scene import builtin_scenes, load_scene
+from tensegrity_core.scene import Scene, builtin_scenes, load_scene
 from tensegrity_core.statics import build_model
 
 
@@ -25,7 +26,8 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--all", action="store_true", help=f"all scenes: {', '.join(builtin_scenes())}")
     parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
     targets = f"{', '.join(TARGETS)}, or all"
-    parser.add_argument("--platforms", default="", metavar="NAMES", help=f"of native FMUs, beside this one: {targets}")
+    asked = {"type": platforms, "default": (), "metavar": "NAMES"}
+    parser.add_argument("--platforms", **asked, help=f"of native FMUs, beside this one: {targets}")
     parser.add_argument("--sources", action="store_true", help="native FMUs that can be compiled from their sources, too")
     simple = "FMUs with Real outputs and no enumeration, for tools that know no others"
     parser.add_argument("--simple-types", action="store_true", help=simple)
@@ -38,14 +40,29 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--no-cache", dest="cache", action="store_const", const=None, help="run every reference anew")
     parser.add_argument("--cache", type=Path, default=CACHE, metavar="DIR", help="folder of reference runs")
     found = parser.parse_args(words)
-    found.platforms = tuple(TARGETS) if found.platforms == "all" else tuple(filter(None, found.platforms.split(",")))
     if found.all:
         found.scenes = [*builtin_scenes(), *found.scenes]
     if not found.scenes:
         parser.error("name a scene, or give --all")
     if found.simple_types and found.validate:
         parser.error("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
+    if found.thorough and not found.validate:
+        parser.error("--thorough is a kind of validation: leave it or --no-validate out")
+    native = [f"--{name.replace('_', '-')}" for name in ("platforms", "sources", "cross_check") if getattr(found, name)]
+    if native and found.runtime == "python":
+        parser.error(f"{', '.join(native)}: for native FMUs, which --runtime python leaves out")
     return found
+
+
+def platforms(text: str) -> tuple[str, ...]:
+    """Keys of TARGETS out of what follows --platforms.  Raises argparse.ArgumentTypeError."""
+    names = tuple(name for name in map(str.strip, text.split(",")) if name)
+    if names == ("all",):
+        return tuple(TARGETS)
+    for name in names:
+        if name not in TARGETS:
+            raise argparse.ArgumentTypeError(f"no platform is called {name!r}; use {', '.join(TARGETS)}, or all")
+    return names
 
 
 def main(words: list[str] | None = None) -> int:
@@ -56,7 +73,9 @@ def main(words: list[str] | None = None) -> int:
     try:
         for runtime in runtimes:
             CHECKS[runtime]()
-        models = unique([build_model(load_scene(scene)) for scene in options.scenes])
+        models = unique([load_scene(scene) for scene in options.scenes])
+        for name in options.platforms:
+            cross_compiled(name, say=partial(print, flush=True))
         for name, model in models.items():
             for runtime in runtimes:
                 built[name, runtime] = pack(model, runtime, options)
@@ -86,13 +105,13 @@ def contents(options: argparse.Namespace) -> dict:
     return {"platforms": options.platforms, "sources": options.sources, "simple": options.simple_types}
 
 
-def unique(models: list) -> dict:
-    """Models by name.  Raises TensegrityError where two would become the same file."""
-    found = {}
-    for model in models:
-        if model.name in found:
-            raise TensegrityError(f"two scenes have the name {model.name!r}; give one of them another `name`")
-        found[model.name] = model
+def unique(scenes: list[Scene]) -> dict[str, Model]:
+    """Models by name; a file that was named twice counts once.  Raises TensegrityError where two files would become one FMU."""
+    found: dict[str, Model] = {}
+    for scene in {Path(scene.file).resolve(): scene for scene in scenes}.values():
+        if scene.name in found:
+            raise TensegrityError(f"two scenes have the name {scene.name!r}; give one of them another `name`")
+        found[scene.name] = build_model(scene)
     return found
 
 
@@ -110,14 +129,15 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
         print(HEAD, flush=True)
         for (name, runtime), results in outside.items():
             try:
-                validation = finish(models[name], runtime, runs[name], results, started[name])
+                validation = finish(models[name], runtime, runs[name], results, started[name], executor, options.cache)
             except TensegrityError as error:
                 status = fail(f"{name}, {runtime}", error)
                 continue
-            write_report(validation, built[name, runtime].with_suffix(".html"))
+            report = built[name, runtime].with_suffix(".html")
+            write_report(validation, report)
             print(row(validation), flush=True)
             for failure in validation.failures:
-                status = fail(f"{name}, {runtime}", failure)
+                status = fail(f"{name}, {runtime}", f"{failure}; see {report}")
     return status
 
 
@@ -130,13 +150,17 @@ HEAD = f"{'scene':<16}{'runtime':<9}{'position error':>15}{'force error':>13}{'s
 
 
 def row(validation: Validation) -> str:
-    """A line of the table: largest errors, wall time of a communication step, simulated time over wall time."""
-    whole = validation.until >= min(run.scenario.inputs.times[-1] for run in validation.runs)
-    cut = "" if whole else f"  compared until {validation.until:g} s, as far as the scene's sensitivity allows"
+    """A line of the table: largest errors, wall time of a communication step, simulated time over wall time, and a remark."""
     return (
         f"{validation.model.name:<16}{validation.runtime:<9}{validation.position:>13.1e} m{validation.force:>11.1e} N"
-        f"{1e6 * validation.seconds:>8.0f} us{validation.factor:>10.0f}x{cut}"
+        f"{1e6 * validation.seconds:>8.0f} us{validation.factor:>10.0f}x{remark(validation)}"
     )
+
+
+def remark(validation: Validation) -> str:
+    """Which scenarios were compared for a part of their time only, and until when."""
+    cut = [f"{run.scenario.short} compared until {run.comparison.until:g} s" for run in validation.cut]
+    return f"  {'; '.join(cut)}, as far as {'its' if len(cut) == 1 else 'their'} sensitivity allows" if cut else ""
 
 
 if __name__ == "__main__":

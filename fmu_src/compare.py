@@ -66,7 +66,8 @@ class Comparison:
             ("transition time error", self.transition_time, TRANSITION_BOUND, "s"),
             ("transitions without partner:", self.unmatched, 0, ""),
         )
-        return [f"{name} {value:.2g} > {bound:.2g} {unit}".rstrip() for name, value, bound, unit in bounds if not value <= bound]
+        passed = [row for row in bounds if not row[1] <= row[2]]
+        return [f"{name} {value:.2g} > {bound:.2g} {unit}".rstrip() for name, value, bound, unit in passed]
 
 
 def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs: np.ndarray) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ import importlib.util
 import platform
 import struct
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +36,12 @@ HOSTS = {
     ("darwin", "x86_64"): "darwin64",
     ("darwin", "arm64"): "aarch64-darwin",
 }
+
+#: Where importers such as fmpy look for the library on ARM: they go by the operating system's name alone, as in FMI 2.0.
+ON_ARM = {"aarch64-linux": "linux64", "aarch64-darwin": "darwin64"}
+
+#: What the native FMU logs as logStatusError.
+ERROR_CATEGORY = {"logStatusError": "calls that must not be made"}
 
 #: What the native FMU logs beside LOG_CATEGORIES; in the order of the enumeration in native_runtime/instance.h.
 SOLVER_CATEGORY = {"logSolver": "what the integrator did, at fmi2Terminate"}
@@ -80,22 +86,42 @@ def pack_native_fmu(model: Model, destination: Path, naming: str = "structured",
     destination: the .fmu file; naming and contents: see Contents.  Raises PackError.
     """
     chosen = Contents(naming, **contents)
-    libraries = {here(): HERE / "native_runtime" / build.FMU_LIBRARY}
+    libraries = {here(): host_library()}
     libraries |= {name: cross_compiled(name) for name in chosen.platforms}
+    libraries |= {ON_ARM[arm]: libraries[arm] for arm in ON_ARM if arm in libraries and ON_ARM[arm] not in libraries}
     write_zip(destination, native_fmu_files(model, chosen, libraries))
     return destination
 
 
-def cross_compiled(name: str) -> Path:
-    """The library for another platform, compiled unless its sources have not changed since.  Raises PackError."""
+def host_library() -> Path:
+    """The library for this platform.  Raises PackError where it is missing, or in a source tree older than its sources."""
+    library = HERE / "native_runtime" / build.FMU_LIBRARY
+    if not library.is_file():
+        raise PackError(f"{library} is missing; install this package anew: pip install -e .")
+    if (HERE.parent / "pyproject.toml").is_file() and not is_current(library):
+        raise PackError(f"{library} is older than its sources; compile it anew: pip install -e .")
+    return library
+
+
+def is_current(library: Path) -> bool:
+    """Whether a library is there and its sources have not changed since it was compiled."""
+    sources = [path for folder in (build.HERE, build.RUNTIME) for path in folder.iterdir() if path.suffix in SOURCES | {".py"}]
+    return library.is_file() and library.stat().st_mtime >= max(path.stat().st_mtime for path in sources)
+
+
+def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None) -> Path:
+    """The library for another platform, compiled unless its sources have not changed since.  Raises PackError.
+
+    say: told when the compiler starts, which takes up to a minute.
+    """
     if name not in build.TARGETS:
         raise PackError(f"platform {name!r}: use one of {', '.join(build.TARGETS)}")
     target = HERE.parent / "build" / "native" / name / f"tensegrity_fmu{build.TARGETS[name].suffix}"
-    sources = [path for folder in (build.HERE, build.RUNTIME) for path in folder.iterdir() if path.suffix in SOURCES | {".py"}]
-    if target.is_file() and target.stat().st_mtime > max(path.stat().st_mtime for path in sources):
+    if is_current(target):
         return target
     if importlib.util.find_spec("ziglang") is None:
         raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang")
+    say(f"compiling for {name} ...")
     try:
         return build.compile_fmu_library(target, name)
     except RuntimeError as error:
@@ -108,8 +134,6 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
     files = {"resources/model.bin": to_bytes(model), "resources/variables.bin": variables_bin(model, table, "")}
     files[terminals.PATH] = terminals.terminals(model, table)
     for name, library in libraries.items():
-        if not library.is_file():
-            raise PackError(f"{library} is missing; install this package anew: pip install -e .")
         files[f"binaries/{name}/{model.name}{library.suffix}"] = library.read_bytes()
     sources = source_files(model.name) if contents.sources else {}
     files |= {f"sources/{name}": content for name, content in sources.items()}
@@ -117,7 +141,7 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         "native",
         f"tensegrity {tensegrity_core.__version__}",
         {"canInterpolateInputs": True, "maxOutputDerivativeOrder": 1},
-        categories={**LOG_CATEGORIES, **SOLVER_CATEGORY},
+        categories={**LOG_CATEGORIES, **ERROR_CATEGORY, **SOLVER_CATEGORY},
         sources=compiled_of(sources),
     )
     guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming)

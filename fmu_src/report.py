@@ -37,13 +37,17 @@ def write_report(validation: Validation, path: Path) -> None:
             "force": compare.FORCE_BOUND,
             "relative": compare.FORCE_RELATIVE,
             "window": compare.WINDOW,
+            "length": 2.0 * compare.POSITION_BOUND,
+            "velocity": compare.VELOCITY_BOUND,
+            "energy": compare.ENERGY_BOUND,
             "ledger": compare.LEDGER_BOUND,
+            "transition": compare.TRANSITION_BOUND,
             "perturbation": compare.PERTURBATION,
         },
         seconds=validation.seconds,
         factor=validation.factor,
         pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
-        settings=[_shown(reference_settings(run.scenario)) for run in validation.runs],
+        settings=[_shown(reference_settings(run.scenario, run.tight)) for run in validation.runs],
         versions=versions(),
     )
     temporary = path.with_name(f".{path.name}.tmp")

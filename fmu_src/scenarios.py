@@ -15,8 +15,8 @@ from tensegrity_core.model import Model
 
 #: Simulated time and communication step, s.
 DURATION, STEP = 5.0, 0.01
-#: Dampings as multiples of the scene's: d = 50, 500 and 5000 N s/m in the article's scenes.
-DAMPINGS = (0.1, 1.0, 10.0)
+#: Dampings as multiples of the scene's, and how they are written: d = 50, 500 and 5000 N s/m in the article's scenes.
+DAMPINGS = {0.1: "d/10", 1.0: "d", 10.0: "10 d"}
 #: Lift on each top node and half height of the square wave, N.  Every built-in scene bears them, measured: over 5 s a
 #: start that is 1e-12 m off stays within 1e-9 m, and no string gets shorter than 6 cm.
 LIFT, WAVE = 42.0, 400.0
@@ -24,12 +24,14 @@ LIFT, WAVE = 42.0, 400.0
 
 @dataclass(frozen=True)
 class Scenario:
-    """name: an identifier; title: for humans; model: with the damping of this scenario; inputs: held."""
+    """name: an identifier; title: for humans; model: with the damping of this scenario; inputs: held; short: a title that
+    fits into a line of a table."""
 
     name: str
     title: str
     model: Model
     inputs: Inputs
+    short: str = ""
 
 
 def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thorough: bool = False) -> list[Scenario]:
@@ -43,7 +45,8 @@ def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thor
         for factor in DAMPINGS if everywhere else (1.0,):
             damped = replace(model, damping=factor * model.damping)
             identifier = f"{name}_{factor:g}d".replace(".", "_")
-            found.append(Scenario(identifier, f"{title}, {_shown(damped)}", damped, inputs))
+            short = f"{name.replace('_', ' ')} at {DAMPINGS[factor]}"
+            found.append(Scenario(identifier, f"{title}, {_shown(damped)}", damped, inputs, short))
     return found
 
 

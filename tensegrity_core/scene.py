@@ -27,6 +27,9 @@ PLANES = {None: (0, 1, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 #: Names that are not a component's: they stand at the top of the simulation's variables, or mean the time.
 RESERVED_NAMES = ("energy", "solver", "gravity", "time")
 
+#: Names that Windows keeps for devices, with any ending; a scene's name becomes the names of files.
+DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(1, 10)))
+
 #: First words of the variables that a component owns (`n4.force.x`, `s1.rest_length`, ...).
 VARIABLE_WORDS = frozenset(
     "x y z force velocity reaction mass rest length elastic stiffness damping snapped current nsh".split()
@@ -36,7 +39,8 @@ SHORTEST = 1e-9  # m: below this a member has no usable direction
 
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9_]*$"
 Name = Annotated[str, StringConstraints(pattern=IDENTIFIER)]
-Text = Annotated[str, StringConstraints(pattern=r"^[^\r\n]*$")]
+#: One line of what XML 1.0 can hold, since a scene's texts go into an FMU's model description.
+Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0A-\x1F\uFFFE\uFFFF]*$")]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e15, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e15, allow_inf_nan=False)]
@@ -107,8 +111,8 @@ class Scene(Entry):
     """
 
     name: Name = Field(description="name of the scene, an identifier; without it the file's name")
-    description: Text = Field("", description="one line for humans")
-    source: Text = Field("", description="where the numbers come from")
+    description: Text = Field("", description="one line for humans, without control characters")
+    source: Text = Field("", description="where the numbers come from, one line without control characters")
     gravity: NotNegative = Field(9.81, description="gravity in m/s2 towards -z, 0 or more")
     plane: Literal["xz", "yz", "xy"] | None = Field(
         None, description='"xz", "yz" or "xy" for a planar scene, whose nodes have two coordinates'
@@ -337,8 +341,9 @@ def _error(file: str, origin: dict, key: str, value: Any, problem: str, remedy: 
 
 
 def _translated(failure: ValidationError, raw: dict, origin: dict, file: str) -> SceneError:
-    """The first of pydantic's findings in our own words."""
-    finding = failure.errors(include_url=False)[0]
+    """The first of pydantic's findings in our own words; unknown keys come first, since a misspelt key is missing, too."""
+    findings = failure.errors(include_url=False)
+    finding = next((one for one in findings if one["type"] == "extra_forbidden"), findings[0])
     place, kind = [part for part in finding["loc"] if part != "[key]"], finding["type"]
     is_key = finding["loc"][-1] == "[key]"
     owner, field = _described(place)
@@ -407,6 +412,8 @@ def _described(place: list) -> tuple[type[Entry], Any]:
 
 
 def _check_names(scene: Scene) -> Iterator[SceneError]:
+    if scene.name.lower() in DEVICES:
+        yield scene.error("name", "is a device's name on Windows, where no file can have it", "Give the scene another name.")
     kinds = {"nodes": scene.nodes, "bars": scene.bars, "strings": scene.strings}
     seen: dict[str, str] = {}
     for kind, table in kinds.items():

@@ -1,8 +1,10 @@
 """Validation: from outside, against the reference; the cache, the comparison, the command and its exit codes."""
 
+import re
 import shutil
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import tensegrity_core
 from fmu_src import compare, validate
 from fmu_src.compare import match, series
 from fmu_src.interface import variables
+from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.reference_cache import cached, reference_key
 from fmu_src.report import write_report
 from fmu_src.scenarios import Scenario, scenarios
@@ -24,6 +27,8 @@ from tensegrity_core.result import Transition
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
+#: What `compare` reads of an FMU.
+FMU_SERIES = ("position", "velocity", "string_length", "snapped", "throughput", *compare.FORCES, *compare.ENERGIES)
 SETTINGS = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-10}
 
 
@@ -33,7 +38,25 @@ def short(model, duration=0.1):
     force = np.zeros((len(model.nodes), 3))
     force[model.free_nodes[0]] = 0.0, 0.0, 60.0
     moving = held(damped, grid(duration, 0.01), lambda t: force, lambda t: model.rest_length * (1.0 - 0.05 * t))
-    return Scenario("short", "a short lift", damped, moving)
+    return Scenario("short", "a short lift", damped, moving, "lift at d/10")
+
+
+class Here:
+    """An executor that runs everything at once in this process."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def submit(self, function, *arguments):
+        future = Future()
+        try:
+            future.set_result(function(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 # From outside
@@ -222,16 +245,59 @@ def test_every_output_is_judged(compared, field):
 
 @pytest.mark.parametrize("factor", [3.0, 1.001])
 def test_an_fmu_with_wrong_physics_fails(factor, fmus):
-    """What the FMU does must not decide how long it is compared."""
+    """What the FMU does must not decide how long it is compared, and a tighter reference does not clear it."""
     model = scene("three_bar")
     run = short(model, 0.3)
     wrong = replace(run, model=replace(run.model, damping=factor * run.model.damping))
     outside = validate.run_outside(fmus["three_bar"], model, runs=[wrong])
-    future = Future()
-    future.set_result(validate.reference_run(run, None))
-    found = validate.finish(model, "python", [run], outside, [future])
-    assert found.until == 0.3
+    found = validate.finish(model, "python", [run], outside, validate.submit(Here(), [run], None), Here(), None)
+    assert found.cut == [] and found.runs[0].tight
     assert any("position error" in failure for failure in found.failures)
+
+
+@pytest.mark.parametrize("loose", [False, True])
+def test_the_readmes_own_scene_passes(loose, tmp_path, monkeypatch):
+    """Its square wave at 10 d needs a tighter reference: with the usual one that one's own error passes a bound, and with a
+    loose one it surely does."""
+    if loose:
+        monkeypatch.setattr(validate, "NORMAL", {"rtol": 1e-6, "atol": 1e-7})
+        monkeypatch.setattr(validate, "TIGHTER", 1e4)
+    readme = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    (tmp_path / "mast.toml").write_text(re.search(r"```toml\n(# mast\.toml\n.*?)```", readme, re.DOTALL)[1], encoding="utf-8")
+    model = build_model(load_scene(tmp_path / "mast.toml"))
+    runs = [run for run in scenarios(model) if run.name == "square_wave_10d"]
+    outside = validate.run_outside(pack_native_fmu(model, tmp_path / "mast.fmu"), model, runs=runs)
+    started = validate.submit(Here(), runs, tmp_path / "cache")
+    found = validate.finish(model, "native", runs, outside, started, Here(), tmp_path / "cache")
+    assert found.failures == []
+    if loose:
+        assert found.runs[0].tight and len(list((tmp_path / "cache").iterdir())) == 2
+        write_report(found, tmp_path / "mast.html")
+        assert "rtol 1e-10, atol 1e-11 m" in (tmp_path / "mast.html").read_text(encoding="utf-8")
+
+
+def test_a_tighter_reference_that_cannot_go_on_clears_nobody(monkeypatch):
+    run = short(scene("two_bar"), 0.02)
+    result = kernel.simulate(run.model, run.inputs)
+    fmu = {name: getattr(result, name) for name in FMU_SERIES}
+    started, calls = validate.submit(Here(), [run], None), []
+
+    def give_up(*arguments, **settings):
+        calls.append(settings["rtol"])
+        raise SimulationError("stalled", "no progress", 0.01)
+
+    monkeypatch.setattr(reference, "simulate", give_up)
+    monkeypatch.setattr(compare, "POSITION_BOUND", 0.0)
+    outside = [(fmu, result.transitions, 1e-4)]
+    found = validate.finish(run.model, "native", [run], outside, started, Here(), None)
+    assert "a short lift: position error" in found.failures[0]
+    assert calls == [pytest.approx(validate.reference_settings(run)["rtol"] / 20.0)]
+
+
+def test_a_tighter_reference_stays_above_round_off():
+    run = short(scene("two_bar"), 0.02)
+    free = replace(run, model=replace(run.model, damping=0.0 * run.model.damping))
+    assert validate.reference_settings(free, tight=True) == pytest.approx({"rtol": 1e-13, "atol": 1e-14})
 
 
 def test_runs_are_compared_as_long_as_their_sensitivity_allows(compared):
@@ -250,21 +316,6 @@ def test_speed_is_measured(fmus):
 @pytest.fixture
 def brief(monkeypatch):
     """Validation under one short scenario instead of the long ones, in this process."""
-    class Here:
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            return None
-
-        def submit(self, function, *arguments):
-            future = Future()
-            try:
-                future.set_result(function(*arguments))
-            except Exception as error:
-                future.set_exception(error)
-            return future
-
     monkeypatch.setattr(build_fmu, "scenarios", lambda model, thorough: [short(model)])
     monkeypatch.setattr(build_fmu, "workers", Here)
 
@@ -292,7 +343,8 @@ def test_a_passed_bound_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
     assert build_fmu.main(["two_bar", "--output", str(tmp_path), "--no-cache"]) == 1
     shown = capsys.readouterr().err
     for runtime in ("native", "python"):
-        assert f"FAILED two_bar, {runtime}: short: position error" in shown
+        report = tmp_path / runtime / "two_bar.html"
+        assert re.search(rf"^FAILED two_bar, {runtime}: a short lift: position error.*; see {report}$", shown, re.MULTILINE)
         assert "Bounds passed" in (tmp_path / runtime / "two_bar.html").read_text(encoding="utf-8")
 
 
@@ -307,8 +359,7 @@ def test_a_reference_that_cannot_go_on_is_exit_code_1(brief, tmp_path, capsys, m
 
 @pytest.mark.parametrize(
     "words",
-    [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--runtime", "both", "--platforms", "amiga"], ["two_bar", "-x"],
-     ["two_bar", "two_bar"]],
+    [["no_such_scene"], ["two_bar", "no_such_scene"], [], ["two_bar", "--platforms", "amiga"], ["two_bar", "-x"]],
 )
 def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -318,6 +369,63 @@ def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys
         code = end.code
     assert code == 2 and list(tmp_path.iterdir()) == []
     assert "error" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        ("--platforms win64,amiga --runtime python", "no platform is called 'amiga'; use linux64, win64"),
+        ("--platforms win64 --runtime python", "--platforms: for native FMUs"),
+        ("--runtime python --sources --cross-check there", "--sources, --cross-check: for native FMUs"),
+        ("--no-validate --thorough", "--thorough is a kind of validation"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(words, told, capsys):
+    with pytest.raises(SystemExit) as end:
+        build_fmu.main(["two_bar", *words.split()])
+    assert end.value.code == 2
+    assert told in capsys.readouterr().err
+
+
+def test_blanks_between_platforms_do_not_matter():
+    assert build_fmu.arguments(["two_bar", "--platforms", " linux64, win64 ,"]).platforms == ("linux64", "win64")
+    assert build_fmu.arguments(["two_bar", "--platforms", "all"]).platforms == tuple(build_fmu.TARGETS)
+
+
+def test_a_scene_that_is_named_twice_is_built_once(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('extends = "two_bar"\n')
+    words = ["mine.toml", "two_bar", "two_bar", str(tmp_path / "mine.toml"), "--no-validate", "--runtime", "native"]
+    assert build_fmu.main(words) == 0
+    folder = Path("dist/native")
+    assert capsys.readouterr().out.splitlines() == [f"wrote {folder / 'mine.fmu'}", f"wrote {folder / 'two_bar.fmu'}"]
+    assert build_fmu.arguments(["--all", "two_bar"]).scenes.count("two_bar") == 2
+
+
+def test_two_scenes_of_one_name_are_refused(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('extends = "two_bar"\nname = "two_bar"\n')
+    assert build_fmu.main(["two_bar", "mine.toml", "--no-validate"]) == 2
+    assert "two scenes have the name 'two_bar'" in capsys.readouterr().err
+    assert not (tmp_path / "dist").exists()
+
+
+def test_a_remark_names_what_was_compared_for_a_part_only():
+    runs = scenarios(scene("two_bar"))
+    assert [run.short for run in runs] == [
+        "constant at d", "square wave at d/10", "square wave at d", "square wave at 10 d", "rest lengths at d", "push at d"
+    ]  # fmt: skip
+
+    def validation(**until):
+        whole = compare.Comparison(0, 0, 0, 0, 1, 1, 0, 1, 0, 0, (0, 0), 0, 0, 0, 5.0, 0)
+        made = [validate.Run(run, None, {}, replace(whole, until=until.get(run.name, 5.0)), 1e-4, False) for run in runs]
+        return validate.Validation(scene("two_bar"), "native", tuple(made))
+
+    assert build_fmu.remark(validation()) == ""
+    one = validation(square_wave_0_1d=0.24)
+    assert build_fmu.row(one).endswith("x  square wave at d/10 compared until 0.24 s, as far as its sensitivity allows")
+    shown = build_fmu.remark(validation(square_wave_0_1d=0.24, push_1d=1.5))
+    assert "d/10 compared until 0.24 s; push at d compared until 1.5 s, as far as their" in shown
 
 
 def test_a_users_scene(tmp_path, monkeypatch):
@@ -367,3 +475,22 @@ def test_reports_escape_names(brief, tmp_path):
     write_report(validate.Validation(model, "python", runs), tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<i>" not in page and "<b>" not in page and "&lt;i&gt;tilted" in page
+
+
+def test_reports_name_every_bound(tmp_path, monkeypatch):
+    judged = ("POSITION", "FORCE", "LEDGER", "TRANSITION", "VELOCITY", "ENERGY")
+    names = ("FORCE_RELATIVE", *(f"{kind}_BOUND" for kind in judged))
+    for i, name in enumerate(names):
+        monkeypatch.setattr(compare, name, 0.0101 + i)
+    run = short(scene("two_bar"), 0.02)
+    result = kernel.simulate(run.model, run.inputs)
+    fmu = {name: getattr(result, name) for name in FMU_SERIES}
+    found = compare.compare(result, fmu, result.transitions, np.zeros(len(result.times)))
+    runs = (validate.Run(run, result, fmu, found, 1e-4, False),)
+    write_report(validate.Validation(run.model, "python", runs), tmp_path / "r.html")
+    (line,) = re.findall(r"<p>(Bounds: .*?)</p>", (tmp_path / "r.html").read_text(encoding="utf-8"), re.DOTALL)
+    for i, name in enumerate(names):
+        assert f"{0.0101 + i}" in line, name
+    kinds = ("positions", "lengths", "velocities", "forces", "energies", "ledger", "transition times", "partner", "snapped")
+    assert [kind for kind in kinds if kind not in line] == []
+    assert f"lengths {2.0 * compare.POSITION_BOUND} m" in line

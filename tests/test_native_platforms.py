@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shutil
 import struct
 import subprocess
 import zipfile
 from pathlib import Path
+from xml.etree import ElementTree as XML
 
 import numpy as np
 import pytest
 from support import scene
 
+import build_fmu
+from fmu_src import native_fmu
 from fmu_src.interface import variables
-from fmu_src.native_fmu import cross_compiled, here, pack_native_fmu
+from fmu_src.native_fmu import cross_compiled, here, is_current, pack_native_fmu
+from fmu_src.pack import PackError
+from fmu_src.model_description import LOG_CATEGORIES
 from fmu_src.scenarios import pushed_node
 from tensegrity_core.native import build
 
@@ -96,6 +102,91 @@ def same(found: np.ndarray, native: np.ndarray) -> None:
 
 def test_fmu_of_one_platform_is_small(tmp_path):
     assert pack_native_fmu(scene(SCENE), tmp_path / "one.fmu").stat().st_size <= LIMIT
+
+
+@pytest.mark.parametrize("arm, plain", [("aarch64-linux", "linux64"), ("aarch64-darwin", "darwin64")])
+def test_a_library_for_arm_stands_where_fmpy_looks(arm, plain, tmp_path, monkeypatch):
+    """fmpy knows FMI 2.0's names linux64 and darwin64 only; a library for x86-64 that is there keeps its place."""
+    other = tmp_path / f"other{build.TARGETS[plain].suffix}"
+    other.write_bytes(b"for x86-64")
+    monkeypatch.setattr(native_fmu, "here", lambda: arm)
+    monkeypatch.setattr(native_fmu, "cross_compiled", lambda name: other)
+    alone = pack_native_fmu(scene(SCENE), tmp_path / "alone.fmu")
+    both = pack_native_fmu(scene(SCENE), tmp_path / "both.fmu", platforms=(plain,))
+    ours = (build.RUNTIME / build.FMU_LIBRARY).read_bytes()
+    assert binaries(alone) == {arm: ours, plain: ours}
+    assert binaries(both) == {arm: ours, plain: b"for x86-64"}
+
+
+def binaries(fmu: Path) -> dict[str, bytes]:
+    """The libraries in an FMU by platform."""
+    with zipfile.ZipFile(fmu) as archive:
+        return {name.split("/")[1]: archive.read(name) for name in archive.namelist() if name.startswith("binaries/")}
+
+
+@pytest.fixture
+def tree(tmp_path, monkeypatch) -> Path:
+    """A source tree with the files that count for the library: folders of kernel and runtime, and the project's file."""
+    for name in ("HERE", "RUNTIME"):
+        folder = getattr(build, name)
+        copy = tmp_path / folder.parent.name / folder.name
+        shutil.copytree(folder, copy, ignore=shutil.ignore_patterns("__pycache__", "tmp*"))
+        monkeypatch.setattr(build, name, copy)
+    (tmp_path / "pyproject.toml").write_text("")
+    monkeypatch.setattr(native_fmu, "HERE", tmp_path / "fmu_src")
+    os.utime(build.RUNTIME / build.FMU_LIBRARY)
+    return tmp_path
+
+
+def age(path: Path, seconds: float) -> None:
+    """Make a file as if it had been written so long after the library."""
+    moment = (build.RUNTIME / build.FMU_LIBRARY).stat().st_mtime + seconds
+    os.utime(path, (moment, moment))
+
+
+@pytest.mark.parametrize("name", ["fmu_src/native_runtime/fmi2.c", "tensegrity_core/native/tensegrity.h"])
+def test_a_library_older_than_its_sources_is_not_packed(name, tree, tmp_path):
+    fmu = tmp_path / "one.fmu"
+    pack_native_fmu(scene(SCENE), fmu).unlink()
+    age(tree / name, 1.0)
+    with pytest.raises(PackError, match=r"older than its sources.*pip install -e \."):
+        pack_native_fmu(scene(SCENE), fmu)
+    assert not fmu.exists()
+    (tree / "pyproject.toml").unlink()  # an installed package: unpacking may have given any times
+    assert pack_native_fmu(scene(SCENE), fmu).is_file()
+
+
+def test_a_missing_library_is_told(tree, tmp_path):
+    (build.RUNTIME / build.FMU_LIBRARY).unlink()
+    with pytest.raises(PackError, match=r"is missing.*pip install -e \."):
+        pack_native_fmu(scene(SCENE), tmp_path / "one.fmu")
+
+
+def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatch, capsys):
+    def compiler(target, name):
+        assert capsys.readouterr().out == f"compiling for {name} ...\n"
+        target.parent.mkdir(parents=True)
+        target.write_bytes(b"library")
+        return target
+
+    monkeypatch.setattr(build, "compile_fmu_library", compiler)
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "ziglang.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    words = ["two_bar", "--runtime", "native", "--platforms", "win64", "--no-validate", "--output", str(tmp_path)]
+    assert build_fmu.main(words) == 0
+    assert is_current(tree / "build" / "native" / "win64" / "tensegrity_fmu.dll")
+    assert build_fmu.main(words) == 0  # nothing to compile: nothing to say
+    assert "compiling for" not in capsys.readouterr().out
+    assert binaries(tmp_path / "native" / "two_bar.fmu")["win64"] == b"library"
+
+
+def test_log_categories_say_what_this_runtime_logs(tmp_path):
+    with zipfile.ZipFile(pack_native_fmu(scene(SCENE), tmp_path / "one.fmu")) as archive:
+        found = XML.fromstring(archive.read("modelDescription.xml")).iter("Category")
+    meanings = {category.get("name"): category.get("description") for category in found}
+    assert meanings["logStatusError"] == "calls that must not be made"
+    assert list(meanings) == [*LOG_CATEGORIES, *native_fmu.SOLVER_CATEGORY]
 
 
 @zig

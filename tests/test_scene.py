@@ -8,6 +8,7 @@ import json
 import math
 import random
 import tomllib
+from xml.etree import ElementTree as XML
 
 import jsonschema
 import pytest
@@ -127,7 +128,11 @@ BAD = {
         "damping_law", "'lineal'", "not one of", "tension_only"),
     "unknown start": ("plane", 'start = "rest"\nplane', "start", "'rest'", "not one of", "settled"),
     "unknown key": ("plane", 'damping_lw = "x"\nplane', "damping_lw", "'x'", "not a key", "mean damping_law?"),
-    "unknown key of a bar": ('"n3"], mass', '"n3"], mas', "bars.b1.mass", "None", "missing", "mass in kg"),
+    "unknown key of a bar": ('"n3"], mass', '"n3"], mas', "bars.b1.mas", "1.0", "not a key", "mean mass?"),
+    "misspelt key of a material": ("stiffness =", "stifness =",
+        "materials.cable.stifness", "15000.0", "not a key", "mean stiffness?"),
+    "misspelt key after a bad value": ("plane", 'gravity = -1.0\ndamping_lw = "x"\nplane',
+        "damping_lw", "'x'", "not a key", "mean damping_law?"),
     "unknown key of a string": ('"soft" }', '"soft", color = 1 }', "strings.s1.color", "1", "not a key", "material"),
     "no bars": ('b1 = { nodes = ["n1", "n3"], mass = 1.0 }\nb2 = { nodes = ["n2", "n4"], mass = 1.0 }', "",
         "bars", "{}", "too few", "at least one"),
@@ -149,6 +154,13 @@ BAD = {
     "not TOML": ("[prestress]", "[prestress", "line 29", "[prestress", "not TOML", "toml.io"),
     "name not an identifier": ('"braced"', '"two words"',
         "name", "'two words'", "form that is not allowed", "identifier"),
+    "name of a device": ('"braced"', '"Com1"', "name", "'Com1'", "device's name on Windows", "another name"),
+    "description that rings": ("plane", 'description = "rings \\u0007"\nplane',
+        "description", "x07", "form that is not allowed", "without control characters"),
+    "description of two lines": ("plane", 'description = "one\\ntwo"\nplane',
+        "description", "one", "form that is not allowed", "one line"),
+    "source that XML cannot hold": ("plane", 'source = "\\uFFFE"\nplane',
+        "source", "ufffe", "form that is not allowed", "without control characters"),
     "extends nothing": ("plane", 'extends = "four_bar"\nplane', "extends", "'four_bar'", "does not exist", "built-in"),
     "extends a number": ("plane", "extends = 4\nplane", "extends", "4", "names no scene", "built-in"),
     "extends a missing file": ("plane", 'extends = "base.toml"\nplane',
@@ -291,6 +303,25 @@ def test_defaults_and_own_values():
     assert (scene.stiffness("s2"), scene.damping("s2")) == (15000.0, 500.0)
     assert scene.axes == (0, 2)
     assert scene.position("n3") == (0.826, 0.0, 0.985)
+
+
+def test_texts_hold_what_xml_can_hold():
+    """A tab, the last character of each range, and one beyond the first 65536."""
+    text = "a\tb \ud7ff \ue000 \ufffd \U0001f3d7 größe <&> \x7f"
+    scene = parse_scene(tomllib.loads(GOOD) | {"description": text, "source": text})
+    assert (scene.description, scene.source) == (text, text)
+    XML.fromstring(XML.tostring(XML.Element("model", description=text)))
+    for code in (*range(0x09), *range(0x0A, 0x20), 0xFFFE, 0xFFFF):
+        with pytest.raises(SceneError, match="form that is not allowed"):
+            parse_scene(tomllib.loads(GOOD) | {"description": f"a{chr(code)}b"})
+
+
+@pytest.mark.parametrize("name", ["con", "PRN", "aux", "nul", "com1", "LPT9"])
+def test_names_of_windows_devices_are_refused(name, tmp_path):
+    with pytest.raises(SceneError, match="device's name") as caught:
+        load_scene(write(tmp_path, GOOD.replace("braced", name)))
+    assert (caught.value.key, caught.value.value) == ("name", name)
+    assert load_scene(write(tmp_path, GOOD.replace("braced", f"{name}_x"))).name == f"{name}_x"
 
 
 def test_a_scene_cannot_be_changed():
