@@ -43,6 +43,7 @@ _PROTOTYPES = {
     "ts_transition_count": (c_int64, c_void_p),
     "ts_transition_stored": (c_int32, c_void_p),
     "ts_transitions": (POINTER(_Transition), c_void_p),
+    "ts_snapped": (c_int32, c_void_p, c_int32, c_int32),
     "ts_stats": (None, c_void_p, POINTER(c_int64)),
     "ts_state_size": (c_size_t, c_void_p),
     "ts_save": (c_int, c_void_p, c_char_p, c_size_t),
@@ -211,6 +212,15 @@ class Kernel:
         stored = self._library.ts_transition_stored(self._sim)
         records = self._library.ts_transitions(self._sim)
         return [Transition(r.time, r.string, r.before, r.after) for r in records[:stored]]
+
+    def consequence(self, transition: Transition) -> str:
+        """What a transition means for its string: 'slack', 'taut', how many of its NSH's beams are snapped where that changes,
+        or '' (a kink of the force curve)."""
+        pieces = transition.before, transition.after
+        if 0 in pieces:
+            return "slack" if transition.after == 0 else "taut"
+        before, after = (self._library.ts_snapped(self._sim, transition.string, piece) for piece in pieces)
+        return f"{after} snapped" if after != before else ""
 
     @property
     def transition_count(self) -> int:

@@ -1132,3 +1132,21 @@ def test_a_discarded_step_asks_to_end_the_run_until_one_succeeds(native):
     assert one.set({"s1.rest_length_rate": 0.0}) == OK
     assert one.step(0.0, 0.01) == OK and not asks()
 
+
+
+def test_events_say_what_they_mean_and_both_runtimes_say_it_alike(pair):
+    """A lift that snaps beams: slack, taut and snaps by name, the same lines in the same order."""
+    lines = []
+    for one in pair("three_bar_nsh"):
+        one.start()
+        one.set({"n4.force.z": 60.0, "n5.force.z": 60.0, "n6.force.z": 60.0})
+        for k in range(100):
+            one.fmu.doStep(k * 0.01, 0.01)
+        one.set({"n4.force.z": -300.0})
+        for k in range(100, 150):
+            one.fmu.doStep(k * 0.01, 0.01)
+        lines.append([text for _, category, text in one.messages if category == "logEvents"])
+    native, python = lines[1], lines[0]
+    assert native == python and len(native) > 20
+    for ending in (", slack", ", taut", ", 1 snapped", ", 3 snapped"):
+        assert any(line.endswith(ending) for line in native), ending

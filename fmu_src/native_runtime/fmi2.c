@@ -386,14 +386,25 @@ FMI2_Export fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference v
 
 static const char *string_name(const instance *fmu, int32_t string) { return fmu->table.name[fmu->table.count + string]; }
 
+/* What a transition means for its string, after a comma, or nothing: a kink of the force curve. */
+static const char *consequence(const instance *fmu, const ts_transition *t, char text[32])
+{
+    if (t->after == 0) return ", slack";
+    if (t->before == 0) return ", taut";
+    int snapped = (int)ts_snapped(fmu->sim, t->string, t->after);
+    if (snapped == ts_snapped(fmu->sim, t->string, t->before)) return "";
+    snprintf(text, 32, ", %d snapped", snapped);
+    return text;
+}
+
 static void log_events(const instance *fmu)
 {
     const ts_transition *t = ts_transitions(fmu->sim);
     int64_t count = ts_transition_count(fmu->sim);
-    char time[32];
+    char time[32], meaning[32];
     for (int64_t i = 0; i < count && i < MAX_EVENTS; i++)
-        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s", string_name(fmu, t[i].string), (int)t[i].before,
-                (int)t[i].after, fmu_number(t[i].time, time));
+        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s%s", string_name(fmu, t[i].string), (int)t[i].before,
+                (int)t[i].after, fmu_number(t[i].time, time), consequence(fmu, t + i, meaning));
     long long more = (long long)count - MAX_EVENTS;
     if (more > 0) fmu_log(fmu, LOG_EVENTS, fmi2OK, "%lld more transitions in this step", more);
 }

@@ -163,7 +163,8 @@ class TensegritySlave(Fmi2Slave):
     def _log_events(self):
         for transition in self._kernel.transitions[:MAX_EVENTS]:
             string = self._table.strings[transition.string]
-            what = f"{transition.before} -> {transition.after} at t = {transition.time!r} s"
+            meaning = self._kernel.consequence(transition)
+            what = f"{transition.before} -> {transition.after} at t = {transition.time!r} s" + (f", {meaning}" if meaning else "")
             self._log(Fmi2Status.ok, f"string {string}: piece {what}", "logEvents")
         more = self._kernel.transition_count - MAX_EVENTS
         if more > 0:

@@ -128,6 +128,10 @@ int32_t ts_transition_stored(const ts_sim *sim)
     return sim->transition_count < TS_MAX_TRANSITIONS ? (int32_t)sim->transition_count : TS_MAX_TRANSITIONS;
 }
 const ts_transition *ts_transitions(const ts_sim *sim) { return sim->transitions; }
+int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
+{
+    return sim->m.beams[string] && sim->curves_ready ? sim->curve[string].snapped[piece] : 0;
+}
 void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
 
 /* Is a value of this field acceptable?  A reason why not, or NULL. */

@@ -85,6 +85,7 @@ TS_API int ts_output_derivatives(ts_sim *sim, double *out);
 TS_API int64_t ts_transition_count(const ts_sim *sim);
 TS_API int32_t ts_transition_stored(const ts_sim *sim);
 TS_API const ts_transition *ts_transitions(const ts_sim *sim);
+TS_API int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece); /* beams past their force maximum on that piece */
 TS_API void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]); /* since ts_initialize() */
 
 /* Complete state as bytes: versioned, bound to the model, with a checksum. */
