@@ -8,8 +8,6 @@ median over the rounds; a ratio or difference is that of two minima.
 
 from __future__ import annotations
 
-import argparse
-import json
 import shutil
 import subprocess
 import sys
@@ -346,21 +344,7 @@ def collect(rounds: int) -> dict:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=25)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write the page again from fmu_speed.json, without measuring")
-    options = parser.parse_args(arguments)
-    data = options.output / "fmu_speed.json"
-    if options.redraw:
-        result = json.loads(data.read_text(encoding="utf-8"))
-    else:
-        result = collect(options.rounds)
-        options.output.mkdir(parents=True, exist_ok=True)
-        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    text = report(result)
-    (options.output / "fmu-speed.md").write_text(text, encoding="utf-8")
-    print(text)
+    machine.write_page(__doc__, "fmu_speed", 25, collect, report, arguments)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
-"""What a benchmark ran on: written into every result file."""
+"""What a benchmark ran on, written into every result file, and the command of those that write one page."""
 
 from __future__ import annotations
 
+import argparse
+import json
 import platform
 import subprocess
 import sys
+from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -49,3 +52,27 @@ def describe() -> dict[str, str]:
         "commit": commit + ("+" if changed else ""),
         "date": datetime.now(timezone.utc).strftime("%Y-%m-%d"),
     }
+
+
+def write_page(
+    about: str, name: str, rounds: int, collect: Callable[[int], dict], report: Callable[[dict], str], arguments: list[str] | None
+) -> None:
+    """The command of a benchmark with one page: measures, or reads what was measured, and writes docs/NAME.json and its page.
+
+    about: its help; rounds: by default; collect(rounds): the data; report(data): the page.
+    """
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=rounds)
+    parser.add_argument("--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("--redraw", action="store_true", help=f"write the page again from {name}.json, without measuring")
+    options = parser.parse_args(arguments)
+    data = options.output / f"{name}.json"
+    if options.redraw:
+        result = json.loads(data.read_text(encoding="utf-8"))
+    else:
+        result = collect(options.rounds)
+        options.output.mkdir(parents=True, exist_ok=True)
+        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    text = report(result)
+    (options.output / f"{name.replace('_', '-')}.md").write_text(text, encoding="utf-8")
+    print(text)

@@ -18,8 +18,6 @@ minimum and the median over the rounds.  Definitions:
 
 from __future__ import annotations
 
-import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -320,22 +318,8 @@ def collect(rounds: int) -> dict:
     return {"machine": where, "conditions": conditions, "seconds": round(time.perf_counter() - began), "rows": rows}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=25)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write the page again from scene_costs.json, without measuring")
-    options = parser.parse_args()
-    data = options.output / "scene_costs.json"
-    if options.redraw:
-        result = json.loads(data.read_text(encoding="utf-8"))
-    else:
-        result = collect(options.rounds)
-        options.output.mkdir(parents=True, exist_ok=True)
-        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    text = report(result)
-    (options.output / "scene-costs.md").write_text(text, encoding="utf-8")
-    print(text)
+def main(arguments: list[str] | None = None) -> None:
+    machine.write_page(__doc__, "scene_costs", 25, collect, report, arguments)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,6 @@ kernel are interleaved, and a time is the least processor time of the rounds; th
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import tempfile
 import time
@@ -21,13 +19,13 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import machine  # noqa: E402
 import problems  # noqa: E402
-from peers.toolchain import kernel_build  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
 import build_fmu  # noqa: E402
 
 from fmu_src import speed as fmu_speed  # noqa: E402
 from tensegrity_core.kernel import Kernel  # noqa: E402
+from tensegrity_core.native import build  # noqa: E402
 from tensegrity_core.scene import load_scene  # noqa: E402
 from tensegrity_core.statics import build_model  # noqa: E402
 
@@ -79,7 +77,7 @@ def least_seconds(kernels: dict, problem: problems.Problem, rounds: int) -> dict
 
 def processor_rows(rounds: int) -> dict:
     """What it costs to compile for any x86-64 instead of this very processor: one ratio, interleaved."""
-    problem, build = problems.pushed("three_bar_nsh", 500.0), kernel_build()
+    problem = problems.pushed("three_bar_nsh", 500.0)
     with tempfile.TemporaryDirectory() as folder:
         libraries = {}
         for name, extra in {"shipped": [], "march_native": ["-march=native"]}.items():
@@ -152,22 +150,8 @@ def collect(rounds: int) -> dict:
     return result | {"fmu": fmu_row("three_bar_nsh"), "seconds": round(time.perf_counter() - began)}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write the page again from speed.json, without measuring")
-    options = parser.parse_args()
-    data = options.output / "speed.json"
-    if options.redraw:
-        result = json.loads(data.read_text(encoding="utf-8"))
-    else:
-        result = collect(options.rounds)
-        options.output.mkdir(parents=True, exist_ok=True)
-        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    text = report(result)
-    (options.output / "speed.md").write_text(text, encoding="utf-8")
-    print(text)
+def main(arguments: list[str] | None = None) -> None:
+    machine.write_page(__doc__, "speed", 15, collect, report, arguments)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ The kernel's library keeps these functions to itself, so they are compiled here 
 """
 
 import ctypes
-import importlib.util
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tensegrity_core
+from tensegrity_core.native import build
 
 NATIVE = Path(tensegrity_core.__file__).parent / "native"
 EPS = np.finfo(float).eps
@@ -70,12 +70,9 @@ API void multiply(const ts_pattern *p, const double *A, const double *x, double 
 
 @pytest.fixture(scope="session")
 def library(tmp_path_factory):
-    spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
-    build = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(build)
     folder = tmp_path_factory.mktemp("blocks")
     (folder / "shim.c").write_text(SHIM)
-    command = build.system_compiler() or [sys.executable, "-m", "ziglang", "cc"]
+    command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
     sources = [str(folder / "shim.c"), str(NATIVE / "blocks.c")]
     target = folder / build.LIBRARY

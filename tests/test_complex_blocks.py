@@ -5,7 +5,6 @@ here once more and work on the same patterns.
 """
 
 import ctypes
-import importlib.util
 import subprocess
 import sys
 from itertools import combinations, permutations
@@ -16,6 +15,8 @@ import test_blocks
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_blocks import DIMENSIONS, EACH_GRAPH, EPS, NATIVE, SOME_GRAPH, Pattern, path, tower
+
+from tensegrity_core.native import build
 
 library = test_blocks.library
 
@@ -41,12 +42,9 @@ API void solve(const ts_pattern *p, const double *factor, double *b) { ts_comple
 
 @pytest.fixture(scope="session")
 def complex_library(tmp_path_factory):
-    spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
-    build = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(build)
     folder = tmp_path_factory.mktemp("complex_blocks")
     (folder / "shim.c").write_text(SHIM)
-    command = build.system_compiler() or [sys.executable, "-m", "ziglang", "cc"]
+    command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
     sources = [str(folder / "shim.c"), str(NATIVE / "complex_blocks.c")]
     target = folder / build.LIBRARY

@@ -6,10 +6,11 @@ SUNDIALS 6 (Debian: libsundials-dev) is needed for its rows only.
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 from pathlib import Path
 from typing import NamedTuple
+
+from tensegrity_core.native import build as kernel_build
 
 HERE = Path(__file__).resolve().parent
 NATIVE = HERE.parent.parent / "tensegrity_core" / "native"
@@ -26,14 +27,6 @@ class Tools(NamedTuple):
     sundials: str | None
 
 
-def kernel_build():
-    """tensegrity_core/native/build.py as a module; it is not part of the package."""
-    spec = importlib.util.spec_from_file_location("kernel_build", NATIVE / "build.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def _sundials_version(compiler: list[str]) -> str | None:
     """Version in the headers; None where there are none, or of a release with another interface."""
     probe = "#include <sundials/sundials_config.h>\nversion SUNDIALS_VERSION\n"
@@ -46,7 +39,7 @@ def _sundials_version(compiler: list[str]) -> str | None:
 
 def compiler() -> list[str]:
     """Command of the system's C compiler; SystemExit names the remedy where there is none."""
-    found = kernel_build().system_compiler()
+    found = kernel_build.system_compiler()
     if found is None:
         raise SystemExit("no C compiler found; install one (Debian: apt-get install gcc) or set CC")
     return found
@@ -59,7 +52,7 @@ def kernel_sources(without: str = "") -> list[str]:
 
 def compile_program(sources: list[str], target: Path, extra: list[str] | None = None) -> Path:
     """An executable with the kernel's flags; extra: further arguments, such as libraries."""
-    flags = [flag for flag in kernel_build().FLAGS if flag != "-shared"] + [f"-I{NATIVE}", f"-I{HERE}"]
+    flags = [flag for flag in kernel_build.FLAGS if flag != "-shared"] + [f"-I{NATIVE}", f"-I{HERE}"]
     _compile([*compiler(), *flags, *sources, *(extra or []), "-lm", "-o", str(target)])
     return target
 

@@ -319,8 +319,11 @@ double ts_curve_energy(const ts_curve *c, int piece, double x, double k)
     }
     double t, sum = 0.0, slope;
     const double *row = curve_row(c, piece, x, &t);
-    double straight = beyond(c, &t), scale = c->scale[piece - 1], force = ts_curve_force(c, piece, x, k, &slope);
+    double straight = beyond(c, &t), scale = c->scale[piece - 1], past = 0.0;
     for (int i = TS_DEGREE; i >= 0; i--) sum = sum * t + row[1 + i] / (i + 1);
-    double past = straight == 0.0 ? 0.0 : straight * (force - 0.5 * slope * straight / scale);
+    if (straight != 0.0) {
+        double force = ts_curve_force(c, piece, x, k, &slope);
+        past = straight * (force - 0.5 * slope * straight / scale);
+    }
     return row[0] + (sum * t + past) / scale;
 }
