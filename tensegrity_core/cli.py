@@ -7,34 +7,23 @@ message on stderr and exit code 2.  A reader of stdout that has gone (`| head`) 
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Callable, NamedTuple
 
 import numpy as np
 
 from . import statics
+from .command import Command, constant_force, model_of, no_arguments, positive, sample_times, scene_argument
 from .errors import InputError, TensegrityError
 from .export import replacing, require_writable, write_result
 from .fields import METHODS
-from .inputs import Inputs, grid, held
+from .inputs import Inputs, held
 from .kernel import simulate as run_kernel
 from .model import Model
 from .result import Result
-from .scene import builtin_scenes, load_scene, schema_text
+from .scene import schema_text
 from .towers import MOST_STAGES, tower_text
-
-
-class Command(NamedTuple):
-    """A subcommand: its name, one line of help, what declares its arguments, and what runs it."""
-
-    name: str
-    help: str
-    arguments: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], int]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -58,29 +47,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
 
 
-def _scene_argument(parser: argparse.ArgumentParser) -> None:
-    names = ", ".join(builtin_scenes())
-    parser.add_argument("scene", metavar="SCENE", help=f"path of a scene file (.toml), or one of: {names}")
-
-
-def _model(name: str) -> tuple[Model, str]:
-    """The model of a scene that was named on the command line, and the scene's kind of start."""
-    if not name.endswith(".toml") and name not in builtin_scenes() and Path(f"{name}.toml").is_file():
-        raise InputError(f"{name} is neither a built-in scene nor a .toml file; did you mean {name}.toml?")
-    scene = load_scene(name)
-    return statics.build_model(scene), scene.start
-
-
-def _no_arguments(parser: argparse.ArgumentParser) -> None:
-    pass
-
-
 # --- check -------------------------------------------------------------------------------------------------------
 
 
 def check(arguments: argparse.Namespace) -> int:
     """Load a scene, build its model, and say what it is."""
-    print(summary(*_model(arguments.scene)))
+    print(summary(*model_of(arguments.scene)))
     return 0
 
 
@@ -184,13 +156,10 @@ def schema(arguments: argparse.Namespace) -> int:
 
 # --- simulate, animate -------------------------------------------------------------------------------------------
 
-MOST_STEPS = 1_000_000  # every communication point is kept in memory
-
-
 def _run_arguments(parser: argparse.ArgumentParser) -> None:
     """What every subcommand that simulates takes."""
     parser.usage = "%(prog)s SCENE [options]"  # SCENE first: --force takes all that follows it
-    _scene_argument(parser)
+    scene_argument(parser)
     parser.add_argument(
         "--force",
         metavar="NODE.AXIS=N",
@@ -222,7 +191,7 @@ def simulate(arguments: argparse.Namespace) -> int:
     """Simulate a scene under constant forces, say how it went, and write the series."""
     output = arguments.output and require_writable(arguments.output, (".csv", ".npz"))
     times = sample_times(arguments.duration, arguments.step)
-    model, _ = _model(arguments.scene)
+    model, _ = model_of(arguments.scene)
     result, _ = _run(model, times, arguments)
     if output:
         write_result(model, result, output)
@@ -239,9 +208,9 @@ def animate(arguments: argparse.Namespace) -> int:
     output = require_writable(arguments.output, (".gif",))
     if not 1 <= arguments.fps <= 50:
         raise InputError(f"--fps = {arguments.fps} is out of range; give a whole number from 1 to 50")
-    speed = _positive("--speed", arguments.speed)
+    speed = positive("--speed", arguments.speed)
     times = sample_times(arguments.duration, speed / arguments.fps)
-    model, _ = _model(arguments.scene)
+    model, _ = model_of(arguments.scene)
     result, inputs = _run(model, times, arguments)
     force = np.concatenate((inputs.force, inputs.force[-1:]))
     write_film(model, result, output, arguments.fps, force)
@@ -252,56 +221,7 @@ def animate(arguments: argparse.Namespace) -> int:
 def _run(model: Model, times: np.ndarray, arguments: argparse.Namespace) -> tuple[Result, Inputs]:
     force = constant_force(model, arguments.force)
     inputs = held(model, times, force=lambda t: force)
-    return run_kernel(model, inputs, arguments.method, _positive("--tolerance", arguments.tolerance)), inputs
-
-
-def _positive(option: str, value: float) -> float:
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{option} = {value!r} is not a number greater than 0; give one")
-    return value
-
-
-def sample_times(duration: float, step: float) -> np.ndarray:
-    """Communication points, s.  Raises InputError where they do not fit the duration, or where they are too many."""
-    count = _positive("--duration", duration) / _positive("--step", step)
-    if count > MOST_STEPS:
-        problem = f"--duration = {duration!r} takes {count:.3g} samples, more than {MOST_STEPS}"
-        raise InputError(f"{problem}; space them wider")
-    if round(count) < 1 or abs(count - round(count)) > 1e-6:
-        whole = max(1, round(count)) * step
-        problem = f"--duration = {duration!r} is no multiple of the time between samples, {step:g} s"
-        raise InputError(f"{problem}; give {whole:g}, or another spacing")
-    return grid(duration, step)
-
-
-def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
-    """(N, 3) N from texts such as n4.z=45.  Raises InputError, also where a component is given twice."""
-    given: dict[str, str] = {}
-    force = np.zeros((len(model.nodes), 3))
-    for text in texts:
-        place, equals, number = text.partition("=")
-        node, dot, axis = place.rpartition(".")
-        if not (equals and dot):
-            raise InputError(f"--force {text}: this is not of the form NODE.AXIS=N; write as in n4.z=45")
-        letters = [letter for i, letter in enumerate("xyz") if i in model.axes]
-        free = [model.node_names[i] for i in model.free_nodes]
-        if node not in model.node_names:
-            raise InputError(f"--force {text}: {node!r} is no node of {model.name}; free nodes are {', '.join(free)}")
-        if node not in free:
-            raise InputError(f"--force {text}: {node} is fixed to the ground; free nodes are {', '.join(free)}")
-        if axis not in letters:
-            raise InputError(f"--force {text}: {axis!r} is no axis of {model.name}; axes are {', '.join(letters)}")
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"--force {text}: {number!r} is not a finite number; write as in {place}=45")
-        if place in given:
-            raise InputError(f"--force {text}: {place} is given twice, before as {given[place]}; give the sum once")
-        given[place] = text
-        force[model.node_names.index(node), "xyz".index(axis)] = value
-    return force
+    return run_kernel(model, inputs, arguments.method, positive("--tolerance", arguments.tolerance)), inputs
 
 
 def end_of_run(model: Model, result: Result) -> str:
@@ -322,11 +242,11 @@ def end_of_run(model: Model, result: Result) -> str:
 
 
 COMMANDS = (
-    Command("check", "check a scene file and summarise its structure", _scene_argument, check),
+    Command("check", "check a scene file and summarise its structure", scene_argument, check),
     Command("tower", "write the scene file of a tower of any number of stages", _tower_arguments, tower),
     Command("simulate", "simulate a scene under constant forces", _simulate_arguments, simulate),
     Command("animate", "film a scene under constant forces as a GIF", _animate_arguments, animate),
-    Command("schema", "print the JSON schema of scene files", _no_arguments, schema),
+    Command("schema", "print the JSON schema of scene files", no_arguments, schema),
 )
 
 if __name__ == "__main__":
