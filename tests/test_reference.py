@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from support import changed, scene
-from tensegrity_core import reference
+from tensegrity_core import equations, reference
 from tensegrity_core.errors import InputError, SimulationError
 from tensegrity_core.inputs import grid, held
 from tensegrity_core.model import Model
@@ -103,8 +103,8 @@ def random_state(model: Model, seed: int):
     return N, velocity, np.where(model.fixed[:, None], 0.0, rng.normal(size=N.shape))
 
 
-def taut_mode(s: reference.Structure, stretch):
-    return reference.mode_of(s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
+def taut_mode(s: equations.Structure, stretch):
+    return equations.mode_of(s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
 
 
 @pytest.mark.parametrize("model", [
@@ -127,10 +127,10 @@ def test_matrix_form_agrees_with_per_bar_equations(model, seed):
         tensions.append(T)
     acceleration, ground = per_bar_accelerations(model, N, V, end_forces)
 
-    structure = reference.structure(model)
-    load = reference.Load(0.0, force.T, model.rest_length, rates)
+    structure = equations.structure(model)
+    load = equations.Load(0.0, force.T, model.rest_length, rates)
     mode = taut_mode(structure, np.array(lengths) - model.rest_length)
-    motion = reference.motion_at(structure, load, mode, 0.0, N.T, V.T)
+    motion = equations.motion_at(structure, load, mode, 0.0, N.T, V.T)
     scale = max(1.0, np.abs(acceleration).max(), np.abs(end_forces).max())
     np.testing.assert_allclose(motion.strings.tension, tensions, rtol=1e-12, atol=1e-13 * scale)
     np.testing.assert_allclose(motion.Xdot[:, :len(N)].T, V, rtol=1e-15)
@@ -362,13 +362,13 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match="increasing times"):
         reference.simulate(model, replace(good, times=np.array([0.0, 0.0, 0.1])))
     with pytest.raises(InputError, match="node 'n2' belongs to two bars"):
-        reference.structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
+        equations.structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
     with pytest.raises(InputError, match="bar 'b1' has both ends fixed"):
-        reference.structure(replace(model, fixed=[False, True, True]))
+        equations.structure(replace(model, fixed=[False, True, True]))
     with pytest.raises(InputError, match="free node 'n1' belongs to no bar"):
-        reference.structure(replace(model, fixed=[False, False, False]))
+        equations.structure(replace(model, fixed=[False, False, False]))
     with pytest.raises(InputError, match="damping_law = 'viscous'"):
-        reference.structure(replace(model, damping_law="viscous"))
+        equations.structure(replace(model, damping_law="viscous"))
 
 
 def test_hopeless_run_is_a_simulation_error():

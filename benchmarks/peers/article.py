@@ -1,4 +1,4 @@
-"""The article's formulation, its matrix equations in NumPy (tensegrity_core/reference.py), integrated by SciPy as the
+"""The article's formulation, its matrix equations in NumPy (tensegrity_core/equations.py), integrated by SciPy as the
 article does it: an explicit Runge-Kutta method across the transitions.  RK45 is the pair behind MATLAB's ode45."""
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from problems import INSTANTS, Problem
-from tensegrity_core import reference
+from tensegrity_core import equations
 
 from .ladder import Clock, Ladder, Run, tolerances
 
@@ -21,37 +21,37 @@ class Article:
 
     def __init__(self, problem: Problem):
         model = problem.model
-        self.s = reference.structure(model)
+        self.s = equations.structure(model)
         force = problem.force.T * self.s.in_plane
-        self.load = reference.Load(0.0, force, model.rest_length, np.zeros(len(model.strings)))
+        self.load = equations.Load(0.0, force, model.rest_length, np.zeros(len(model.strings)))
         self.shape = (3, 2 * len(model.nodes))
         self.start = np.concatenate((model.nodes.T, model.velocity.T), axis=1).ravel()
         self.clock = Clock(np.inf)
-        self.modes: dict[bytes, reference.Mode] = {}
+        self.modes: dict[bytes, equations.Mode] = {}
         self.slack = np.zeros(len(model.strings), dtype=bool)
 
-    def mode(self, N: np.ndarray, Ndot: np.ndarray) -> reference.Mode:
+    def mode(self, N: np.ndarray, Ndot: np.ndarray) -> equations.Mode:
         """The pieces that the elongations lie on."""
-        stretch = reference.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
+        stretch = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
         piece = (stretch > 0.0).astype(int)
         for j, _ in self.s.honeycombs:
             piece[j] = np.searchsorted(self.s.breakpoints[j], stretch[j])
         key = piece.tobytes()
         if key not in self.modes:
-            self.modes[key] = reference.mode_of(self.s, piece, self.slack)
+            self.modes[key] = equations.mode_of(self.s, piece, self.slack)
         return self.modes[key]
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         self.clock()
         N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
-        return reference.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot).Xdot.ravel()
+        return equations.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot).Xdot.ravel()
 
     def energy(self, y: np.ndarray) -> float:
         """Kinetic, potential and elastic, J."""
         N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
-        stretch = reference.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
+        stretch = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
         kinetic = 0.5 * np.trace(Ndot @ self.s.M @ Ndot.T)
-        return kinetic - np.sum(self.s.weight * N) + reference.elastic_energy(self.s, stretch)
+        return kinetic - np.sum(self.s.weight * N) + equations.elastic_energy(self.s, stretch)
 
 
 def _measure(problem: Problem, article: Article, method: str, tolerance: float, repetitions: int, limit: float) -> Run:

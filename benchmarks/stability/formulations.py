@@ -1,6 +1,6 @@
 """Equations of motion that differ in how they keep the bars' lengths, and what becomes of e = |b|^2 - l^2 under each.
 
-`matrix` is the article's eq. 1 with its two errata mended (see tensegrity_core/reference.py).  As printed, the nominal
+`matrix` is the article's eq. 1 with its two errata mended (see tensegrity_core/equations.py).  As printed, the nominal
 l_i^2 stands in lambda; exact: |b_i|^2 of the state does.  `pinned` is the same physics per bar that is fixed at one end,
     b'' = (3/m) (I - b b^T / l^2) f - (|b'|^2 / l^2) b,   f: all forces at the tip.
 With the nominal l both give e'' = rate^2 e, with
@@ -20,17 +20,17 @@ from typing import NamedTuple
 import common  # noqa: F401  (puts the project on the path)
 import numpy as np
 
-from tensegrity_core import reference
+from tensegrity_core import equations
 from tensegrity_core.errors import InputError
 from tensegrity_core.model import Model
-from tensegrity_core.reference import diagonal
+from tensegrity_core.equations import diagonal
 
 
 class Problem(NamedTuple):
     """A model under constant forces: its constant matrices, all forces on the nodes but the strings' (3, n) N, the tips
     of its bars (B,) and the sign of C_b there (0 and 0 where a bar is not pinned)."""
 
-    s: reference.Structure
+    s: equations.Structure
     W: np.ndarray
     tip: np.ndarray
     sign: np.ndarray
@@ -40,7 +40,7 @@ def problem(model: Model, force=None) -> Problem:
     """force: (N, 3) N on the nodes.  Raises InputError for a model with an NSH."""
     if model.nsh_strings:
         raise InputError(f"string {model.string_names[model.nsh_strings[0]]!r} has an NSH; use a scene with plain strings")
-    s = reference.structure(model)
+    s = equations.structure(model)
     applied = np.zeros((3, len(model.nodes))) if force is None else np.asarray(force, dtype=float).T * s.in_plane
     pinned = model.fixed[model.bars].any(axis=1)
     free_end = np.where(model.fixed[model.bars[:, 0]], 1, 0)
@@ -51,16 +51,16 @@ def problem(model: Model, force=None) -> Problem:
 def string_forces(p: Problem, N, Ndot) -> np.ndarray:
     """(3, n) N: W - S (gamma + eta) C_s, everything on the nodes but the ground's forces."""
     model = p.s.model
-    S, xi, rate = reference.string_motion(N, Ndot, p.s.C_s)
+    S, xi, rate = equations.string_motion(N, Ndot, p.s.C_s)
     stretch = xi - model.rest_length
     taut = (stretch > 0.0).astype(float)
-    elastic = reference.elastic_tension(stretch, taut, None, model.stiffness, ())
-    density = (elastic + reference.damping_tension(rate, taut, model.damping)) / xi
+    elastic = equations.elastic_tension(stretch, taut, None, model.stiffness, ())
+    density = (elastic + equations.damping_tension(rate, taut, model.damping)) / xi
     return p.W - (S * density) @ p.s.C_s
 
 
 def _ground(p: Problem, B, lam, F, l2):
-    """`reference.constraint_forces` for any l^2 in lambda: with A = p I - q b b^T / l^2,
+    """`equations.constraint_forces` for any l^2 in lambda: with A = p I - q b b^T / l^2,
     A^-1 = (I + q / (p l^2 - q |b|^2) b b^T) / p."""
     g = p.s.ground
     a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv
@@ -173,4 +173,4 @@ class Motion:
 
     def projected(self, y):
         """y with |b| = l and b . b' = 0."""
-        return self.pack(*reference.on_constraints(self.p.s, *self.unpack(y)), y[2 * self.size :])
+        return self.pack(*equations.on_constraints(self.p.s, *self.unpack(y)), y[2 * self.size :])

@@ -1,0 +1,331 @@
+"""The reference's equations: the article's matrix equations (1)-(7) in NumPy, one function each.
+
+Independent of the C kernel on purpose.  Matrices follow the article: node coordinates N and velocities Ndot are 3 x n
+(a column per node), C_s, C_b, C_r are the connectivities of strings, bars and bar centres.  Two errata of the article
+are mended, see `mass_matrix` and `bar_force_density`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from . import nsh as honeycomb
+from .errors import InputError
+from .model import Model
+
+#: Least string length, m: keeps 0/0 out where a slack string's ends meet.
+TINY = 1e-300
+
+
+# --------------------------------------------------------------------------------------------- the article's equations
+
+def connectivity(pairs: np.ndarray, n: int) -> np.ndarray:
+    """C_s or C_b: a row per member, -1 at its first node and +1 at its second.  pairs: (members, 2)."""
+    C = np.zeros((len(pairs), n))
+    C[np.arange(len(pairs)), pairs[:, 0]] = -1.0
+    C[np.arange(len(pairs)), pairs[:, 1]] = 1.0
+    return C
+
+
+def diagonal(A, B):
+    """Diagonal of A^T B: the dot products of the columns."""
+    return np.add.reduce(A * B)
+
+
+def mass_matrix(C_b: np.ndarray, C_r: np.ndarray, J: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """M = C_b^T J C_b + C_r^T m C_r of eq. 1, kg.
+
+    Erratum: J_i = m_i / 12.  The article's m_i l_i^2 / 12 is a moment of inertia, and M must be a mass.
+    """
+    return (C_b.T * J) @ C_b + (C_r.T * m) @ C_r
+
+
+def string_motion(N, Ndot, C_s):
+    """S = N C_s^T (3, S), lengths xi = |s| and their rates s . sdot / xi (the article's remark after eq. 3)."""
+    S, Sdot = N @ C_s.T, Ndot @ C_s.T
+    xi = np.maximum(np.sqrt(diagonal(S, S)), TINY)
+    return S, xi, diagonal(S, Sdot) / xi
+
+
+def elastic_tension(stretch, taut, piece, k, honeycombs):
+    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  stretch: xi - xi0, m; taut: 1 or 0; piece: the piece of its force curve
+    that each string uses; honeycombs: (string, NSH) of the strings with an NSH."""
+    f = taut * k * stretch
+    for j, nsh in honeycombs:
+        f[j] = honeycomb.tabulated_force(nsh, piece.item(j), stretch.item(j), k.item(j))
+    return f
+
+
+def damping_tension(stretch_rate, taut, d):
+    """f_d (S,) N: eta xi of eq. 3, on taut strings only."""
+    return taut * d * stretch_rate
+
+
+def bar_force_density(B, inertial, F, C_b):
+    """lambda (B,) N/m of eq. 1: -J l^-2 [Bdot^T Bdot] - l^-2 [B^T F C_b^T] / 2, diagonals only.
+
+    inertial: the diagonal of J Bdot^T Bdot.
+    Erratum: F = W - S (gamma + eta) C_s, the force on the nodes; the article has the strings' term with the other sign.
+    """
+    return (diagonal(B, F @ C_b.T) * -0.5 - inertial) / diagonal(B, B)
+
+
+def stiffness_matrix(density, lam, C_s, C_b):
+    """K = C_s^T (gamma + eta) C_s - C_b^T lambda C_b of eq. 1, N/m.  density: gamma + eta."""
+    return (C_s.T * density) @ C_s - (C_b.T * lam) @ C_b
+
+
+def constraint_forces(B, lam, F, g: "Ground"):
+    """F_c (3, n) N of eq. 1: forces of the ground that leave the fixed nodes without acceleration.
+
+    lam, F: lambda and nodal forces without the ground's; they leave an acceleration a at a fixed node g.  Through W
+    and through lambda, a force c there changes it by A c, A = p I - q b b^T / l^2, where b is the node's bar,
+    p = (M^-1)_gg and q = (C_b)_bg (C_b M^-1)_bg / 2.  So c = -A^-1 a, A^-1 = (I + q / (p - q) b b^T / l^2) / p
+    (Sherman and Morrison's formula).  Class 1: no other node's c enters.
+    At an anchor, a fixed node without a bar, the ground balances the strings.
+    """
+    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv
+    b = B @ g.bars
+    c = -(a + b * (g.ratio * diagonal(b, a) / diagonal(b, b))) / g.p
+    return c @ g.pins - F * g.anchors
+
+
+def first_order_form(N, Ndot, K, W, M_inv):
+    """Xdot (3, 2n) of eq. 7, Xdot = X Z + V, with X = [N Ndot] (eq. 4), Z = [[0, -K M^-1], [I, 0]] (eq. 5) and
+    V = [0, W M^-1] (eq. 6).  M_inv has zero rows and columns for anchors, which carry no mass."""
+    n = N.shape[1]
+    X = np.concatenate((N, Ndot), axis=1)
+    Z = np.zeros((2 * n, 2 * n))
+    Z[:n, n:] = -K @ M_inv
+    Z[n:, :n] = np.eye(n)
+    V = np.zeros((3, 2 * n))
+    V[:, n:] = W @ M_inv
+    return X @ Z + V
+
+
+# ------------------------------------------------------------------------------------------------- what stays constant
+
+class Ground(NamedTuple):
+    """Fixed nodes.
+
+    For the G of them that end a bar (pins): M_inv (n, G) and C_b_M_inv (B, G), the columns of M^-1 and of C_b M^-1;
+    bars (B, G) selects the pin's bar, pins (G, n) the pin; p and ratio = q / (p - q) (G,), see `constraint_forces`.
+    anchors (n,): 1 at fixed nodes without a bar.
+    """
+
+    M_inv: np.ndarray
+    C_b_M_inv: np.ndarray
+    bars: np.ndarray
+    pins: np.ndarray
+    p: np.ndarray
+    ratio: np.ndarray
+    anchors: np.ndarray
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A model's constant matrices, in the article's notation.
+
+    weight (3, n): gravity at the nodes, N; lever (B, n): how a bar's nodes move when its vector changes about its
+    centre or pin; in_plane (3, 1): 1 on the axes that the scene uses;
+    honeycombs: (string, NSH) of the strings that have one;
+    breakpoints: per string the ends of its pieces, m.
+    """
+
+    model: Model
+    C_s: np.ndarray
+    C_b: np.ndarray
+    J: np.ndarray
+    M: np.ndarray
+    M_inv: np.ndarray
+    ground: Ground
+    weight: np.ndarray
+    lever: np.ndarray
+    in_plane: np.ndarray
+    honeycombs: tuple
+    breakpoints: tuple
+
+
+def structure(model: Model) -> Structure:
+    """Work out the constant matrices.  Raises InputError for a model that is not class 1 or not well posed."""
+    n = len(model.nodes)
+    bar_of = _bar_of_node(model)
+    C_s, C_b = connectivity(model.strings, n), connectivity(model.bars, n)
+    C_r = 0.5 * np.abs(C_b)
+    J = model.bar_mass / 12.0
+    M = mass_matrix(C_b, C_r, J, model.bar_mass)
+    on_bar = np.flatnonzero(bar_of >= 0)
+    M_inv = np.zeros((n, n))    # anchors have no mass and no acceleration
+    M_inv[np.ix_(on_bar, on_bar)] = np.linalg.inv(M[np.ix_(on_bar, on_bar)])
+
+    pins = np.flatnonzero(model.fixed & (bar_of >= 0))
+    pin_bars = bar_of[pins]
+    lever = 0.5 * C_b
+    lever[pin_bars] = C_b[pin_bars]
+    lever[pin_bars, pins] = 0.0
+    p, q = M_inv[pins, pins], 0.5 * C_b[pin_bars, pins] * (C_b @ M_inv)[pin_bars, pins]
+    ground = Ground(M_inv[:, pins], (C_b @ M_inv)[:, pins], np.eye(len(model.bars))[:, pin_bars], np.eye(n)[pins],
+                    p, q / (p - q), (model.fixed & (bar_of < 0)).astype(float))
+
+    in_plane = np.zeros((3, 1))
+    in_plane[list(model.axes)] = 1.0
+    weight = np.zeros((3, n))
+    weight[2] = -model.gravity * model.bar_mass @ C_r
+    honeycombs = tuple((j, nsh) for j, nsh in enumerate(model.nsh) if nsh is not None)
+    ends = tuple((0.0,) if nsh is None else tuple(honeycomb.breakpoints(nsh).tolist()) for nsh in model.nsh)
+    return Structure(model, C_s, C_b, J, M, M_inv, ground, weight, lever, in_plane, honeycombs, ends)
+
+
+def _bar_of_node(model: Model) -> np.ndarray:
+    """(n,) the bar that each node belongs to, -1 for none.  Raises InputError unless the equations apply."""
+    bar_of = np.full(len(model.nodes), -1)
+    for i, ends in enumerate(model.bars):
+        for node in ends:
+            if bar_of[node] >= 0:
+                raise InputError(f"node {model.node_names[node]!r} belongs to two bars; a class-1 structure allows one")
+            bar_of[node] = i
+        if model.fixed[ends].all():
+            raise InputError(f"bar {model.bar_names[i]!r} has both ends fixed; free one of them")
+    for node in model.free_nodes:
+        if bar_of[node] < 0:
+            raise InputError(f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it")
+    if model.damping_law not in ("literal", "tension_only"):
+        raise InputError(f"damping_law = {model.damping_law!r}: use 'literal' or 'tension_only'")
+    return bar_of
+
+
+# ------------------------------------------------------------------------------------------------- one instant in time
+
+class Load(NamedTuple):
+    """Inputs of one step: force (3, n) N; rest_length (S,) m at `since` (s), moving with rest_length_rate (S,) m/s."""
+
+    since: float
+    force: np.ndarray
+    rest_length: np.ndarray
+    rest_length_rate: np.ndarray
+
+
+class Mode(NamedTuple):
+    """Per string: the piece of the force curve that it follows; whether its tension is clipped at zero; the
+    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0."""
+
+    piece: np.ndarray
+    clipped: np.ndarray
+    taut: np.ndarray
+    pulls: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+class Strings(NamedTuple):
+    """Per string at one instant: S (3, S), xi, stretch xi - xi0, its rate, elastic tension, tension before clipping,
+    tension; m, m/s, N."""
+
+    S: np.ndarray
+    xi: np.ndarray
+    stretch: np.ndarray
+    rate: np.ndarray
+    elastic: np.ndarray
+    unclipped: np.ndarray
+    tension: np.ndarray
+
+
+class Motion(NamedTuple):
+    """Everything that follows from a state: strings, lambda (B,), ground's forces (3, n), Xdot (3, 2n)."""
+
+    strings: Strings
+    lam: np.ndarray
+    ground: np.ndarray
+    Xdot: np.ndarray
+
+
+def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot) -> Strings:
+    """Kinematics and tensions of all strings under the pieces that `mode` holds."""
+    S, xi, xi_rate = string_motion(N, Ndot, s.C_s)
+    stretch = xi - (load.rest_length + load.rest_length_rate * (t - load.since))
+    rate = xi_rate - load.rest_length_rate
+    elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs)
+    unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping)
+    return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
+
+
+def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot) -> Motion:
+    """Equation 1 and its first order form at one instant."""
+    strings = strings_at(s, load, mode, t, N, Ndot)
+    density = strings.tension / strings.xi
+    B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
+    inertial = s.J * diagonal(Bdot, Bdot)
+    W = load.force + s.weight
+    F = W - (strings.S * density) @ s.C_s
+    lam = bar_force_density(B, inertial, F, s.C_b)
+    ground = constraint_forces(B, lam, F, s.ground)
+    lam = bar_force_density(B, inertial, F + ground, s.C_b)
+    K = stiffness_matrix(density, lam, s.C_s, s.C_b)
+    return Motion(strings, lam, ground, first_order_form(N, Ndot, K, W + ground, s.M_inv))
+
+
+def powers(load: Load, strings: Strings, Ndot) -> tuple[float, float, float]:
+    """Input power, dissipated power, and the sum of the absolute values of their terms (a term per node's force, per
+    string's moving rest length, and per string's damper), W."""
+    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate))
+    lost = (strings.tension - strings.elastic) * strings.rate
+    total = np.add.reduce
+    return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
+
+
+def elastic_energy(s: Structure, stretch) -> float:
+    """Energy stored in the strings, J."""
+    k, carriers = s.model.stiffness, dict(s.honeycombs)
+    return sum(honeycomb.energy(carriers[j], x, k[j]) if j in carriers else 0.5 * k[j] * max(x, 0.0) ** 2
+               for j, x in enumerate(stretch.tolist()))
+
+
+def on_constraints(s: Structure, N, Ndot):
+    """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only."""
+    B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
+    l2 = diagonal(B, B)
+    stretch = s.model.bar_length / np.sqrt(l2) - 1.0
+    along = diagonal(B, Bdot) / l2
+    # The velocity's projection is unchanged by the position's, which keeps the bar's direction.
+    return N + (B * stretch) @ s.lever, Ndot - (B * along) @ s.lever
+
+
+def drift(s: Structure, N, Ndot) -> float:
+    """Largest relative deviation of bar lengths; of b . bdot / l^2, in 1/s, or relative to velocities above 1 m/s."""
+    B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
+    l2 = s.model.bar_length ** 2
+    speed = max(1.0, np.abs(Ndot).max())
+    deviations = np.abs(diagonal(B, B) / l2 - 1.0) / 2.0, np.abs(diagonal(B, Bdot)) / (l2 * speed)
+    return float(np.concatenate(deviations).max(initial=0.0))
+
+
+def fastest_rate(s: Structure) -> float:
+    """Upper bound on how fast the dampers slow the nodes down, 1/s: largest eigenvalue of C_s^T d C_s M^-1."""
+    damping = (s.C_s.T * s.model.damping) @ s.C_s
+    return float(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0))
+
+
+def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray) -> Mode:
+    """A mode from its pieces and clips."""
+    lower, upper = np.full(len(piece), -np.inf), np.full(len(piece), np.inf)
+    for j, (p, ends) in enumerate(zip(piece.tolist(), s.breakpoints)):
+        if p > 0:
+            lower[j] = ends[p - 1]
+        if p < len(ends):
+            upper[j] = ends[p]
+    return Mode(piece, clipped, (piece > 0).astype(float), (~clipped).astype(float), lower, upper)
+
+
+def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:
+    """(3, S) how far each string is from the lower end of its piece, from the upper end (m), and from being clipped or
+    released (N); a transition is due where a gap becomes negative."""
+    found = np.full((3, len(mode.piece)), np.inf)
+    found[0] = strings.stretch - mode.lower
+    found[1] = mode.upper - strings.stretch
+    if s.model.damping_law == "tension_only":
+        sign = np.where(mode.clipped, -1.0, 1.0)
+        found[2] = np.where(mode.piece > 0, sign * strings.unclipped, np.inf)
+    return found
