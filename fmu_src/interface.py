@@ -29,13 +29,23 @@ NAMES = {
     "force": "{F}.force.{D}",
     "rest_length": "{S}.rest_length",
     "rest_length_rate": "{S}.rest_length_rate",
+    "current": "{A}.current",
+    "node_position": "{E}.position.{D}",
+    "node_velocity": "{E}.velocity.{D}",
+    "node_acceleration": "{E}.acceleration.{D}",
     "stiffness": "{S}.stiffness",
     "damping": "{S}.damping",
-    "gravity": "gravity",
+    "gravity": "gravity{V}",
+    "drag": "{R}.drag",
     "bar_mass": "{B}.mass",
+    "point_mass": "{P}.mass",
     "nsh_Q": "{Z}.nsh.Q[{beam}]",
     "nsh_zeta": "{Z}.nsh.zeta[{beam}]",
     "nsh_h": "{Z}.nsh.h[{beam}]",
+    "motor_inertia": "{A}.actuator.inertia",
+    "motor_damping": "{A}.actuator.damping",
+    "torque_constant": "{A}.actuator.torque_constant",
+    "drum_radius": "{A}.actuator.radius",
     "tolerance": "solver.tolerance",
     "max_step": "solver.step",
     "position": "{N}.{D}",
@@ -43,6 +53,8 @@ NAMES = {
     "string_force": "{S}.force",
     "elastic_force": "{S}.elastic_force",
     "string_length": "{S}.length",
+    "wound_rest_length": "{A}.rest_length",
+    "motor_speed": "{A}.actuator.speed",
     "bar_force": "{B}.force",
     "reaction": "{G}.reaction.{D}",
     "kinetic": "energy.kinetic",
@@ -71,10 +83,16 @@ LIMITS = {
     "rest_length": (0.0, None),
     "stiffness": (0.0, None),
     "damping": (0.0, None),
+    "drag": (0.0, None),
     "bar_mass": (POSITIVE, None),
+    "point_mass": (0.0, None),
     "nsh_Q": (POSITIVE, None),
     "nsh_zeta": (math.nextafter(2.0, 8.0), math.nextafter(8.0, 2.0)),
     "nsh_h": (POSITIVE, None),
+    "motor_inertia": (POSITIVE, None),
+    "motor_damping": (0.0, None),
+    "torque_constant": (POSITIVE, None),
+    "drum_radius": (POSITIVE, None),
     "tolerance": (1e-14, 0.1),
     "max_step": (0.0, None),
     "string_length": (0.0, None),
@@ -111,16 +129,24 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     """
     start = Kernel(model)
     known = initial_dependencies(model)
-    rows = []
+    rows, reference = [], 0
     for fields, starts in ((FIELDS, start.values), (INTEGER_FIELDS, start.integers)):
-        offset = len(rows)
+        offset = reference
         for field in fields:
             for component in _components(field, model):
-                at = len(rows) - offset
-                value = starts[at].item() if field.role != "output" else None
-                rows.append(_variable(field, component, len(rows), value, model, known, naming))
+                value = starts[reference - offset].item() if field.role != "output" else None
+                if not _hidden(field, component, model):
+                    rows.append(_variable(field, component, reference, value, model, known, naming))
+                reference += 1
     _require_unique(rows)
     return tuple(rows)
+
+
+def _hidden(field: Field, component: dict, model: Model) -> bool:
+    """A string with an actuator has its rest length as an output."""
+    if field.name not in ("rest_length", "rest_length_rate"):
+        return False
+    return model.actuator[model.string_names.index(component["S"])] is not None
 
 
 def _variable(field, component, reference, start, model, known, naming) -> Variable:
@@ -170,6 +196,11 @@ def _components(field: Field, model: Model) -> Iterator[dict[str, object]]:
             for i in model.nsh_strings
             for beam in range(len(model.nsh[i].Q))
         ],
+        "V": [{"V": ""}] if model.counts["V"] == 1 else [{"V": f".{AXES[i]}"} for i in model.axes],
+        "P": [{"P": model.node_names[node]} for node, _ in model.point_mass],
+        "R": [{"R": model.node_names[node]} for node, _ in model.drag],
+        "E": [{"E": model.node_names[node]} for node in model.moving],
+        "A": [{"A": model.string_names[i]} for i in model.actuated],
     }
     for parts in product(*(letters[letter] for letter in field.shape)):
         yield {key: value for part in parts for key, value in part.items()}
@@ -188,7 +219,7 @@ def _nominal(field: Field, start: float | None, model: Model) -> float:
     if field.role != "input" and start:
         return abs(start)
     length = float(np.max(model.bar_length, initial=1e-3))
-    gravity = abs(model.gravity) or 9.81
+    gravity = float(np.linalg.norm(model.g)) or 9.81
     weight = float(np.sum(model.bar_mass)) * gravity or 1.0
     scale = {
         "m": length,
@@ -213,6 +244,7 @@ def _description(field: Field, component: dict) -> str:
 
 
 _KINDS = {"N": "node", "F": "node", "G": "node", "B": "bar", "S": "string", "H": "string", "Z": "string"}
+_KINDS |= {"P": "node", "R": "node", "E": "node", "A": "string"}
 
 
 def _require_unique(rows: list[Variable]) -> None:

@@ -23,6 +23,11 @@ UNITS = {
     "N/m": {"kg": 1, "s": -2},
     "N.s/m": {"kg": 1, "s": -1},
     "J": {"kg": 1, "m": 2, "s": -2},
+    "A": {"A": 1},
+    "rad/s": {"rad": 1, "s": -1},
+    "kg.m2": {"kg": 1, "m": 2},
+    "N.m.s": {"kg": 1, "m": 2, "s": -1},
+    "N.m/A": {"kg": 1, "m": 2, "s": -2, "A": -1},
 }
 
 #: Log categories of every FMU and what they carry.

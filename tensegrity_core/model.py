@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .elements import Beam, Damper, Element, Parallel, Polynomial, Series, Spring, Table
 from .errors import InputError
 from .fields import COUNTS, DAMPING_LAWS, FIELDS, METHODS
 
@@ -20,11 +21,30 @@ class NSH:
     """A negative stiffness honeycomb: beams in series.
 
     Q: force scale, N; zeta: shape parameter, 1; h: arch height, m; one value per beam, any number of beams >= 1.
+    law: 'single_valued' or 'hysteretic', see `elements.Series`.
     """
 
     Q: tuple[float, ...]
     zeta: tuple[float, ...]
     h: tuple[float, ...]
+    law: str = "single_valued"
+
+
+#: Laws of beams in series by name; a law's place is its number in the kernel.
+SERIES_LAWS = ("single_valued", "hysteretic")
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A motor with a drum that winds a string in, eq. 8 with the sign of winding in: J_a delta'' + d_a delta' = k_a i - r T.
+
+    inertia: J_a, kg m2; damping: d_a, N m s; torque_constant: k_a, N m/A; radius: r, m (1 for a linear motor).
+    """
+
+    inertia: float
+    damping: float
+    torque_constant: float
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -46,9 +66,15 @@ class Model:
         rest_length: (S,) m.
         nsh: per string its NSH, or None.
         damping_law: 'literal' or 'tension_only'.
-        gravity: m/s2, towards -z.
+        gravity: m/s2, towards -z; or a vector (x, y, z).
         nominal: (N, 3) node coordinates as the scene file gives them, m; the start differs where it was settled.
         velocity: (N, 3) start velocities, m/s (zero in scenes).
+        element: per string its force law where it is neither a spring nor an NSH, else None.
+        damper: per string its damping law where it is not linear, else None.
+        actuator: per string its actuator, or None; current: (A,) A, their start currents.
+        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order.
+        drag: (node, N.s/m) of the nodes with viscous drag, in node order.
+        moving: fixed nodes whose motion is an input, in node order.
     """
 
     name: str
@@ -67,14 +93,26 @@ class Model:
     rest_length: np.ndarray
     nsh: tuple[NSH | None, ...]
     damping_law: str
-    gravity: float
+    gravity: float | tuple[float, float, float]
     nominal: np.ndarray
     velocity: np.ndarray = field(default=None)
+    element: tuple[Element | None, ...] = ()
+    damper: tuple[Damper | None, ...] = ()
+    actuator: tuple[Actuator | None, ...] = ()
+    current: np.ndarray = ()
+    point_mass: tuple[tuple[int, float], ...] = ()
+    drag: tuple[tuple[int, float], ...] = ()
+    moving: tuple[int, ...] = ()
 
     def __post_init__(self):
         if self.velocity is None:
             object.__setattr__(self, "velocity", np.zeros_like(self.nodes, dtype=float))
-        for name in ("nodes", "bar_mass", "stiffness", "damping", "rest_length", "nominal", "velocity"):
+        for name in ("element", "damper", "actuator"):
+            if not getattr(self, name):
+                object.__setattr__(self, name, (None,) * len(self.strings))
+        if not len(self.current):
+            object.__setattr__(self, "current", np.zeros(len(self.actuated)))
+        for name in ("nodes", "bar_mass", "stiffness", "damping", "rest_length", "nominal", "velocity", "current"):
             self._freeze(name, float)
         for name in ("bars", "strings"):
             self._freeze(name, np.int64, (-1, 2))
@@ -114,6 +152,25 @@ class Model:
         return tuple(i for i, nsh in enumerate(self.nsh) if nsh is not None)
 
     @cached_property
+    def actuated(self) -> tuple[int, ...]:
+        """(A,) indices of the strings that an actuator winds."""
+        return tuple(i for i, actuator in enumerate(self.actuator) if actuator is not None)
+
+    @property
+    def g(self) -> np.ndarray:
+        """(3,) acceleration by gravity, m/s2."""
+        return np.array([0.0, 0.0, -self.gravity]) if np.ndim(self.gravity) == 0 else np.array(self.gravity, dtype=float)
+
+    @cached_property
+    def node_mass(self) -> np.ndarray:
+        """(N,) kg: half of its bar's mass, and its point mass; what gravity acts on."""
+        mass = np.zeros(len(self.nodes))
+        np.add.at(mass, self.bars.ravel(), np.repeat(0.5 * self.bar_mass, 2))
+        for node, value in self.point_mass:
+            mass[node] += value
+        return mass
+
+    @cached_property
     def counts(self) -> dict[str, int]:
         """The counts that `fields.COUNTS` names."""
         return {
@@ -125,19 +182,36 @@ class Model:
             "S": len(self.strings),
             "H": len(self.nsh_strings),
             "Z": sum(len(self.nsh[i].Q) for i in self.nsh_strings),
+            "V": 1 if np.ndim(self.gravity) == 0 else len(self.axes),
+            "P": len(self.point_mass),
+            "R": len(self.drag),
+            "E": len(self.moving),
+            "A": len(self.actuated),
         }
 
 
 def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np.ndarray]:
     """Start values of all inputs and parameters, by field name."""
     beams = [model.nsh[i] for i in model.nsh_strings]
+    motors = [model.actuator[i] for i in model.actuated]
+    moving, axes = list(model.moving), list(model.axes)
     return {
         "force": np.zeros(model.counts["F"] * model.counts["D"]),
         "rest_length": model.rest_length,
         "rest_length_rate": np.zeros(len(model.strings)),
         "stiffness": model.stiffness,
         "damping": model.damping,
-        "gravity": np.array([model.gravity]),
+        "current": model.current,
+        "node_position": model.nodes[moving][:, axes].ravel(),
+        "node_velocity": model.velocity[moving][:, axes].ravel(),
+        "node_acceleration": np.zeros(len(moving) * len(axes)),
+        "gravity": np.array([model.gravity] if np.ndim(model.gravity) == 0 else model.g[axes], dtype=float),
+        "drag": np.array([value for _, value in model.drag]),
+        "point_mass": np.array([value for _, value in model.point_mass]),
+        "motor_inertia": np.array([motor.inertia for motor in motors]),
+        "motor_damping": np.array([motor.damping for motor in motors]),
+        "torque_constant": np.array([motor.torque_constant for motor in motors]),
+        "drum_radius": np.array([motor.radius for motor in motors]),
         "bar_mass": model.bar_mass,
         "nsh_Q": np.array([x for nsh in beams for x in nsh.Q]),
         "nsh_zeta": np.array([x for nsh in beams for x in nsh.zeta]),
@@ -155,6 +229,49 @@ def fnv1a(data: bytes) -> int:
     return value
 
 
+class _Programs:
+    """Force laws as numbers that the kernel reads: each a tree in prefix order; a string keeps where its own begins, -1: none.
+
+    ints: of an element its kind (the place in `KINDS`) and what it counts: coefficients, points and interpolation (0 linear,
+    1 cubic), parts and law; doubles: k; Q, zeta, h; coefficients; x and f.
+    """
+
+    KINDS = (Spring, Beam, Polynomial, Table, Parallel, Series)
+
+    def __init__(self):
+        self.ints: list[int] = []
+        self.doubles: list[float] = []
+        self._known: dict = {}
+
+    def place(self, law: Element | Damper | None) -> tuple[int, int]:
+        """(first int, first double) of a law's program; (-1, -1): none.  Equal laws share theirs."""
+        if law is None:
+            return -1, -1
+        if law not in self._known:
+            self._known[law] = len(self.ints), len(self.doubles)
+            self._write(law)
+        return self._known[law]
+
+    def _write(self, law: Element | Damper) -> None:
+        self.ints.append(self.KINDS.index(type(law)))
+        if isinstance(law, Spring):
+            self.doubles.append(law.k)
+        elif isinstance(law, Beam):
+            self.doubles += [law.Q, law.zeta, law.h]
+        elif isinstance(law, Polynomial):
+            self.ints.append(len(law.coefficients))
+            self.doubles += law.coefficients
+        elif isinstance(law, Table):
+            self.ints += [len(law.x), int(law.interpolation == "cubic")]
+            self.doubles += [*law.x, *law.f]
+        else:
+            self.ints.append(len(law.parts))
+            if isinstance(law, Series):
+                self.ints.append(SERIES_LAWS.index(law.law))
+            for part in law.parts:
+                self._write(part)
+
+
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
     """The model as the packed bytes that the kernel reads; the layout stands in native/model.c.
 
@@ -164,11 +281,17 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     counts = [model.counts[letter] for letter in COUNTS]
     z_axis = axes.index(2) if 2 in axes else -1
     beams = [len(nsh.Q) if nsh is not None else 0 for nsh in model.nsh]
-    header = [*counts, DAMPING_LAWS.index(model.damping_law), METHODS.index(method), z_axis, 0]
-    ints = [*header, *model.fixed.astype(int), *model.bars.ravel(), *model.strings.ravel(), *beams]
+    laws = [SERIES_LAWS.index(nsh.law) if nsh is not None else 0 for nsh in model.nsh]
+    programs = _Programs()
+    places = [n for law in (*model.element, *model.damper) for n in programs.place(law)]
+    sizes = [len(programs.ints), len(programs.doubles)]
+    header = [*counts, DAMPING_LAWS.index(model.damping_law), METHODS.index(method), z_axis, *sizes]
+    ints = [*header, *model.fixed.astype(int), *model.bars.ravel(), *model.strings.ravel(), *beams, *laws, *places]
+    ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
+    ints += programs.ints
     ints += [0] * (len(ints) % 2)
     start = _parameters(model, tolerance, max_step)
-    doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel()]
+    doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]
     doubles += [start[field.name] for field in FIELDS if field.role != "output"]
-    body = b"TSMODEL1" + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
+    body = b"TSMODEL2" + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
     return body + fnv1a(body).to_bytes(8, "little")

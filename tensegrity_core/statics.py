@@ -49,10 +49,9 @@ class TooLarge(TensegrityError):
 
 
 def loads(model: Model, force=None) -> np.ndarray:
-    """(N, 3) N: gravity on the bars' nodes plus external forces (N, 3)."""
+    """(N, 3) N: gravity on bars and point masses, at the nodes, plus external forces (N, 3)."""
     load = np.zeros((len(model.nodes), 3)) if force is None else np.array(force, dtype=float)
-    np.add.at(load[:, 2], model.bars.ravel(), np.repeat(-0.5 * model.gravity * model.bar_mass, 2))
-    return load
+    return load + model.node_mass[:, None] * model.g
 
 
 def string_tension(model: Model, length: np.ndarray) -> np.ndarray:
@@ -367,7 +366,7 @@ def _require_balance(scene: Scene, model: Model) -> None:
     node = model.node_names[model.free_nodes[int(np.argmax(force))]]
     problem = f"the given coordinates are not in equilibrium: {force.max():.3g} N stay unbalanced at {node}"
     remedy = 'Correct the coordinates or the prestress, or write start = "settled" (or "released").'
-    if not model.fixed.any() and model.gravity:
+    if not model.fixed.any() and np.any(model.g):
         remedy = "No node is fixed, so nothing bears the weight: fix a node, or let it float with gravity = 0."
     raise scene.error(f"nodes.{node}", problem, remedy)
 

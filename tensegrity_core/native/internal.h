@@ -58,6 +58,13 @@ typedef struct {
     const int32_t *bars, *strings;  /* (B, 2), (S, 2) nodes */
     const int32_t *fixed;           /* (N) */
     const int32_t *beams;           /* (S) beams of the string's NSH, 0: none */
+    const int32_t *beam_law;        /* (S) 0 single_valued, 1 hysteretic */
+    const int32_t *element, *damper; /* (S, 2) places of the string's force law and damper in the programs, -1: none */
+    const int32_t *massed, *dragged; /* (P), (R) nodes with a point mass, with drag */
+    const int32_t *moved, *wound;   /* (E) nodes that are moved, (A) strings with an actuator */
+    const int32_t *program;         /* (program_ints) force laws, see model.py */
+    const double *program_values;   /* (program_doubles) */
+    int32_t program_ints, program_doubles;
     int32_t *beam_first;            /* (S) first of them among the Z */
     int32_t *ends;                  /* (lanes, 2) first numbers of a string's nodes in arrays (N, 2, D) */
     int32_t *curved;                /* (H) strings that carry an NSH */

@@ -1,8 +1,10 @@
 /* Read a packed model, as written by to_bytes() in model.py, and lay out the simulation's memory.
  *
- * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, 0; fixed (N), bars (B, 2),
- * strings (S, 2), beams (S), one 0 where the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), start
- * values of all inputs and parameters; uint64: FNV-1a hash of everything before it. */
+ * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, sizes of the programs (int32,
+ * doubles); fixed (N), bars (B, 2), strings (S, 2), beams (S), law of the beams (S), places of elements (S, 2) and dampers (S, 2)
+ * in the programs, nodes with a point mass (P), with drag (R), moved nodes (E), strings with an actuator (A), programs, one 0 where
+ * the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), programs, start values of all inputs and parameters;
+ * uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see model.py. */
 #include "internal.h"
 
 #include <math.h>
@@ -10,8 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAGIC "TSMODEL1"
-#define HEADER_INTS (TS_COUNTS + 4)
+#define MAGIC "TSMODEL2"
+#define HEADER_INTS (TS_COUNTS + 5)
 
 uint64_t ts_fnv(const void *bytes, size_t size)
 {
@@ -121,6 +123,12 @@ static const char *check(const ts_model *m)
         beams += m->beams[i];
         with += m->beams[i] > 0;
     }
+    for (int i = 0; i < m->count[TS_P] + m->count[TS_R] + m->count[TS_E]; i++) /* one behind the other */
+        if (m->massed[i] < 0 || m->massed[i] >= N) return "a mass, drag or motion names an unknown node";
+    for (int i = 0; i < m->count[TS_E]; i++)
+        if (!m->fixed[m->moved[i]]) return "a moved node is not fixed";
+    for (int i = 0; i < m->count[TS_A]; i++)
+        if (m->wound[i] < 0 || m->wound[i] >= S) return "an actuator names an unknown string";
     if (fixed != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
     if (beams != m->count[TS_Z] || with != m->count[TS_H]) return "the beams do not add up";
     return NULL;
@@ -223,9 +231,11 @@ static void lay_out_velocity(ts_model *m, const double *velocity)
         }
 }
 
-static size_t int_count(const int32_t *count)
+static size_t int_count(const ts_model *m)
 {
-    size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 3 * (size_t)count[TS_S];
+    const int32_t *count = m->count;
+    size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 8 * (size_t)count[TS_S];
+    n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A] + (size_t)m->program_ints;
     return n + n % 2;
 }
 
@@ -245,13 +255,19 @@ static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
     m->damping_law = head[TS_COUNTS];
     m->method_start = head[TS_COUNTS + 1];
     m->z_axis = head[TS_COUNTS + 2];
+    m->program_ints = head[TS_COUNTS + 3];
+    m->program_doubles = head[TS_COUNTS + 4];
+    if (m->program_ints < 0 || m->program_ints > 10000000 || m->program_doubles < 0 || m->program_doubles > 10000000)
+        return "a program's size is out of range";
+    if (m->count[TS_V] != 1 && m->count[TS_V] != m->count[TS_D]) return "gravity has neither one component nor one for each axis";
     if (m->count[TS_D] != 2 && m->count[TS_D] != 3) return "neither planar nor 3D";
     if (m->z_axis >= m->count[TS_D]) return "no such axis";
     lay_out(m);
     sim->n_applied = m->at[TS_POSITION];
     sim->n_inputs = m->at[TS_STIFFNESS];
     size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
-    if (size != 8 + 4 * int_count(m->count) + 8 * doubles + 8) return "the length is wrong";
+    doubles += (size_t)m->program_doubles;
+    if (size != 8 + 4 * int_count(m) + 8 * doubles + 8) return "the length is wrong";
     return NULL;
 }
 
@@ -322,13 +338,22 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
     if (!reason) {
         memcpy(sim->blob, bytes, size);
         const int32_t *ints = (const int32_t *)((char *)sim->blob + 8) + HEADER_INTS;
-        const double *nodes = (const double *)((char *)sim->blob + 8 + 4 * int_count(m->count));
+        const double *nodes = (const double *)((char *)sim->blob + 8 + 4 * int_count(m));
         int N = m->count[TS_N], D = m->count[TS_D];
         m->fixed = ints;
         m->bars = m->fixed + N;
         m->strings = m->bars + 2 * m->count[TS_B];
         m->beams = m->strings + 2 * m->count[TS_S];
-        m->start = nodes + 2 * N * D;
+        m->beam_law = m->beams + m->count[TS_S];
+        m->element = m->beam_law + m->count[TS_S];
+        m->damper = m->element + 2 * m->count[TS_S];
+        m->massed = m->damper + 2 * m->count[TS_S];
+        m->dragged = m->massed + m->count[TS_P];
+        m->moved = m->dragged + m->count[TS_R];
+        m->wound = m->moved + m->count[TS_E];
+        m->program = m->wound + m->count[TS_A];
+        m->program_values = nodes + 2 * N * D;
+        m->start = m->program_values + m->program_doubles;
         reason = check(m);
         if (!reason) {
             count_blocks(sim);

@@ -31,7 +31,7 @@ typedef enum {
     TS_STATUS_COUNT
 } ts_status;
 
-enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_COUNTS }; /* indices of ts_counts(), letters of fields.py */
+enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, TS_A, TS_COUNTS }; /* indices of ts_counts(), letters of fields.py */
 
 typedef struct {
     double time;    /* s */
