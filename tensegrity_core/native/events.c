@@ -85,6 +85,11 @@ static void at_theta(const step *s, double theta, int i, double *gap, double *ra
         s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->ytmp + nq + t[k].offset);
         ts_project_block(sim, sim->ytmp, t[k].block);
     }
+    if (sim->m.winder[i] >= 0) {
+        int at = D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.winder[i]);
+        s->method->interpolate(sim, theta, at, 1, sim->ytmp + at);
+        s->method->interpolate(sim, theta, nq + at, 1, sim->ytmp + nq + at);
+    }
     ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, gap, rate);
 }
 

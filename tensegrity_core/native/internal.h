@@ -28,6 +28,7 @@ typedef struct {
 /* Where a bar's coordinates are: the block of a pinned bar's vector, or of a free bar's centre, its vector the next. */
 typedef struct {
     int32_t block, first, second; /* block; nodes, the second being the tip of a pinned bar */
+    double lower, upper;          /* of a free bar: the ends are at r - lower b and r + upper b, r being the centre of mass */
 } ts_place_of_bar;
 
 /* Force curve of an NSH: pieces of polynomials in the elongation. */
@@ -79,7 +80,12 @@ typedef struct {
     double *block_length;           /* (blocks) length of a bar vector, m */
     int32_t *node_block;            /* (N) block of the bar vector, or -1 */
     int32_t *node_centre;           /* (N) block of the centre, or -1 */
-    double *node_coef;              /* (N) 1: tip, +-1/2: end of a free bar */
+    double *node_coef;              /* (N) 1: tip; -lower, upper: ends of a free bar */
+    int32_t *mover;                 /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
+    int32_t *mover_bar;             /* (E) bar that is pinned there, -1: none */
+    int32_t *winder;                /* (S) actuator that winds the string, or -1 */
+    int32_t driven;                 /* there is drag, a moved node or an actuator, see drives.c */
+    const double *velocity;         /* (N, D) start velocities, m/s */
     double *anchor;                 /* (N, D) what the node's position adds to, m */
     double *bar_length;             /* (B) m */
     int32_t *term_count;            /* (S) */
@@ -147,6 +153,11 @@ struct ts_sim {
     double *Qf;   /* (nq) generalised external force, N */
     double *Qg;   /* (nq) the same with gravity, N */
     double *inv;  /* (blocks) inverse inertia, 1/kg */
+    double *laden; /* (blocks) mass that gravity acts on there, kg; zero at vectors of free bars */
+    double *extra_mass; /* (N) point masses, kg */
+    double g[3];  /* acceleration by gravity, m/s2 */
+    double *base; /* (E, 5, D) position of a moved node and its first four derivatives at the step's start */
+    double *base_now; /* (E, 3, D) position, velocity, acceleration at the evaluation at hand */
     double *lo, *hi; /* (S) ends of the present piece, m */
     double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
     double *rest, *rest_rate, *rest_bend, *rest_jerk; /* (lanes) m, m/s, m/s2, m/s3, at the step's start */
@@ -155,7 +166,7 @@ struct ts_sim {
     double *k_on, *d_on; /* (lanes) N/m, N s/m on the present piece; k_on: of straight force curves */
     int32_t rest_moves;  /* some rest_rate, rest_bend or rest_jerk is not zero */
     int32_t rest_bends;  /* some rest_bend or rest_jerk is not zero */
-    int32_t forces_move; /* some force has a derivative */
+    int32_t forces_move; /* some force has a derivative, or moves with a node */
     int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
 
     /* of the last right-hand side: what it found about the strings */
@@ -271,6 +282,22 @@ void ts_stage_solve(ts_sim *sim, double a, double *U);
 int ts_pair_factorise(ts_sim *sim, int which, double a, double b);
 void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, double *Ui);
 
+/* drives.c */
+void ts_drive(ts_sim *sim);
+void ts_weigh(ts_sim *sim);
+void ts_move_bases(ts_sim *sim, double tau);
+void ts_base_at(const ts_sim *sim, double tau, int mover, double *x, double *v);
+void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, double tau);
+void ts_wind(ts_sim *sim, const double *y);
+double ts_wound(const ts_sim *sim, const double *y, int string);
+void ts_drag(ts_sim *sim, double *force);
+void ts_carry(const ts_sim *sim, double *Q);
+void ts_motors(const ts_sim *sim, double tau, const double *v, double *Q);
+void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double *a, double *p);
+void ts_drive_jacobian(ts_sim *sim, double tau);
+int ts_inputs_move(const ts_sim *sim);
+int ts_wound_up(const ts_sim *sim);
+
 /* events.c */
 void ts_place(ts_sim *sim, int string, int piece);
 void ts_place_all(ts_sim *sim);
@@ -282,6 +309,7 @@ void ts_catch_up(ts_sim *sim, double tau);
 void ts_outputs(ts_sim *sim, double tau);
 void ts_tangent_outputs(ts_sim *sim, double tau, double *out);
 double ts_stored_energy(const ts_sim *sim, double tau);
+double ts_kinetic_energy(const ts_sim *sim);
 double ts_clipped_energy(const ts_sim *sim, double tau);
 
 /* integrate.c */

@@ -9,14 +9,14 @@
 #include <string.h>
 
 /* Derivatives of the string force T s/xi by s (Kq) and by s' (Kv), and its explicit time derivative (ft), from what the last
- * ts_forces() left. */
-ALWAYS_INLINE void string_stiffness(const ts_sim *sim, double tau, int i, const int exact, double *Kq, double *Kv, double *ft, const int D)
+ * ts_forces() left; returns the stiffness along the string. */
+ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, const int exact, double *Kq, double *Kv, double *ft, const int D)
 {
     int lanes = sim->m.lanes;
     double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
     if (sim->m.beams[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
     double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest_bend[i] + sim->rest_jerk[i] * tau;
-    double rate = sim->gap_rate[i] + rest_rate;
+    double rate = sim->gap_rate[i] + (sim->m.winder[i] >= 0 ? sim->rest_rate_now[i] : rest_rate);
     double density = (sim->fs[i] + sim->fd[i]) * over;
     for (int d = 0; d < D; d++) {
         u[d] = sim->s[d * lanes + i] * over;
@@ -32,6 +32,48 @@ ALWAYS_INLINE void string_stiffness(const ts_sim *sim, double tau, int i, const 
             Kq[r * D + c] = density * ((r == c) - u[r] * u[c]) + u[r] * (slope * u[c] + (exact ? ud[c] : 0.0));
             Kv[r * D + c] = damping * u[r] * u[c];
         }
+    return slope;
+}
+
+/* Explicit time derivative of a string's force through moved nodes that it hangs on. */
+ALWAYS_INLINE void moved_ends(const ts_sim *sim, int i, const double *Kq, const double *Kv, double *ft, const int D)
+{
+    const ts_model *m = &sim->m;
+    for (int end = 0; end < 2; end++) {
+        int mover = m->mover[m->strings[2 * i + end]];
+        if (mover < 0) continue;
+        const double *v = sim->base_now + (3 * mover + 1) * D, *a = v + D;
+        double sign = end ? 1.0 : -1.0;
+        for (int r = 0; r < D; r++) ft[r] += sign * (dot(Kq + r * D, v, D) + dot(Kv + r * D, a, D));
+    }
+}
+
+/* A string with an actuator: the tension depends on the length w that is wound in as on the string's own, and pulls w back. */
+static void wind(ts_sim *sim, int i, double slope, const double *Kq, const double *Kv, const double *ft)
+{
+    const ts_model *m = &sim->m;
+    const ts_term *t = m->term + 4 * i;
+    int D = m->count[TS_D], lanes = m->lanes, motor = m->blocks - m->count[TS_A] + m->winder[i];
+    double u[3], inv = sim->inv[motor], damping = 0.0;
+    for (int d = 0; d < D; d++) u[d] = sim->s[d * lanes + i] * sim->over[i];
+    for (int r = 0; r < D; r++) {
+        sim->ft[motor * D] -= inv * u[r] * ft[r];
+        for (int c = 0; c < D; c++) damping += u[r] * Kv[r * D + c] * u[c];
+    }
+    sim->Jq[m->own_place[motor]] -= inv * slope;
+    sim->Jv[m->own_place[motor]] -= inv * damping;
+    for (int k = 0; k < m->term_count[i]; k++) {
+        int row = D * D * ts_pattern_find(&sim->pattern, motor, t[k].block), column = D * D * ts_pattern_find(&sim->pattern, t[k].block, motor);
+        double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inv[t[k].block];
+        for (int d = 0; d < D; d++) {
+            double alongq = 0.0, alongv = 0.0;
+            for (int r = 0; r < D; r++) alongq += u[r] * Kq[r * D + d], alongv += u[r] * Kv[r * D + d];
+            sim->Jq[row + d] += w * alongq;
+            sim->Jv[row + d] += w * alongv;
+            sim->Jq[column + d * D] += back * slope * u[d];
+            sim->Jv[column + d * D] += back * damping * u[d];
+        }
+    }
 }
 
 ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const int D)
@@ -40,7 +82,9 @@ ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const i
     for (int i = 0; i < m->count[TS_S]; i++) {
         if (sim->piece[i] == 0 || sim->clipped[i]) continue;
         double Kq[9], Kv[9], ft[3];
-        string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
+        double slope = string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
+        if (m->count[TS_E]) moved_ends(sim, i, Kq, Kv, ft, D);
+        if (m->winder[i] >= 0) wind(sim, i, slope, Kq, Kv, ft);
         const ts_term *t = m->term + 4 * i;
         const int32_t *place = m->term_place + 16 * i;
         for (int a = 0; a < m->term_count[i]; a++) {
@@ -120,6 +164,7 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
     memset(sim->ft, 0, sizeof(double) * (size_t)m->nq);
     for (int i = 0; sim->forces_move && i < m->nq; i++) sim->ft[i] = sim->inv[i / D] * (sim->Qf_rate[i] + tau * sim->Qf_bend[i]);
     add_strings(sim, tau, exact, D);
+    if (m->driven) ts_drive_jacobian(sim, tau);
     for (int b = 0; b < m->blocks; b++)
         if (m->block_turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->lin + b * D, b, exact, D);
     if (!exact) turn_columns(sim, q, D);

@@ -76,6 +76,8 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->bar_block, B), TAKE(m->bar_centre, B), TAKE(m->bar_base, B);
     TAKE(m->block_bar, m->blocks), TAKE(m->block_turns, m->blocks);
     TAKE(m->node_block, N), TAKE(m->node_centre, N), TAKE(m->node_coef, N), TAKE(m->anchor, N * D);
+    TAKE(m->mover, N), TAKE(m->mover_bar, m->count[TS_E]), TAKE(m->winder, S), TAKE(sim->laden, m->blocks), TAKE(sim->extra_mass, N);
+    TAKE(sim->base, 5 * m->count[TS_E] * D), TAKE(sim->base_now, 3 * m->count[TS_E] * D);
     TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
     TAKE(m->y_start, m->stride), TAKE(m->curved, m->count[TS_H]), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
     TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
@@ -140,8 +142,8 @@ static void list_bars(ts_model *m)
     int pinned = 0, floating = 0;
     for (int i = 0; i < m->count[TS_B]; i++) {
         int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i];
-        if (base < 0) m->floating[floating++] = (ts_place_of_bar){m->bar_centre[i], first, second};
-        else m->pinned[pinned++] = (ts_place_of_bar){m->bar_block[i], base, base == first ? second : first};
+        if (base < 0) m->floating[floating++] = (ts_place_of_bar){m->bar_centre[i], first, second, 0.5, 0.5};
+        else m->pinned[pinned++] = (ts_place_of_bar){m->bar_block[i], base, base == first ? second : first, 0.0, 1.0};
         m->block_length[m->bar_block[i]] = m->bar_length[i];
     }
 }
@@ -192,11 +194,35 @@ static const char *lay_out_bars(ts_model *m, const double *nodes)
     return NULL;
 }
 
+/* Who moves with a moved node, who winds which string. */
+static const char *lay_out_drives(ts_model *m)
+{
+    for (int n = 0; n < m->count[TS_N]; n++) m->mover[n] = -1;
+    for (int i = 0; i < m->count[TS_S]; i++) m->winder[i] = -1;
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        m->mover[m->moved[e]] = e;
+        m->mover_bar[e] = -1;
+        for (int i = 0; i < m->count[TS_B]; i++) {
+            if (m->bar_base[i] != m->moved[e]) continue;
+            m->mover_bar[e] = i;
+            m->mover[m->bars[2 * i] == m->moved[e] ? m->bars[2 * i + 1] : m->bars[2 * i]] = e;
+        }
+    }
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        if (m->winder[m->wound[a]] >= 0) return "two actuators wind one string";
+        m->winder[m->wound[a]] = a;
+    }
+    for (int r = 0; r < m->count[TS_R]; r++)
+        if (m->fixed[m->dragged[r]]) return "a node with drag is fixed";
+    m->driven = m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
+    return NULL;
+}
+
 static void add_node(ts_model *m, int string, int node, double sign)
 {
     int D = m->count[TS_D];
     ts_term *t = m->term + 4 * string + m->term_count[string];
-    for (int d = 0; d < D; d++) m->s0[string * D + d] += sign * m->anchor[node * D + d];
+    for (int d = 0; d < D && m->mover[node] < 0; d++) m->s0[string * D + d] += sign * m->anchor[node * D + d];
     if (m->node_block[node] < 0) return;
     if (m->node_centre[node] >= 0) {
         *t++ = (ts_term){m->node_centre[node] * D, m->node_centre[node], sign};
@@ -279,7 +305,7 @@ static void count_blocks(ts_sim *sim)
     m->pinned_count = 0;
     for (int i = 0; i < m->count[TS_B]; i++) m->pinned_count += m->fixed[m->bars[2 * i]] || m->fixed[m->bars[2 * i + 1]];
     m->floating_count = m->count[TS_B] - m->pinned_count;
-    m->blocks = m->pinned_count + 2 * m->floating_count;
+    m->blocks = m->pinned_count + 2 * m->floating_count + m->count[TS_A]; /* of an actuator's only the first number is used */
     m->nq = m->blocks * m->count[TS_D];
     m->ny = 2 * m->nq + TS_LEDGER;
     m->stride = round_up(m->ny);
@@ -287,19 +313,28 @@ static void count_blocks(ts_sim *sim)
     sim->ahead_size = 10 * (size_t)m->stride + 2 * (size_t)m->lanes;
 }
 
-/* The Jacobian's pattern: blocks that hang on one string are coupled. */
+static void couple(int32_t *couples, size_t *count, int32_t a, int32_t b)
+{
+    couples[2 * *count] = a;
+    couples[2 * *count + 1] = b;
+    ++*count;
+}
+
+/* The Jacobian's pattern: blocks that hang on one string are coupled, an actuator's with them, and those of a free bar by drag. */
 static const char *lay_out_matrices(ts_sim *sim)
 {
     ts_model *m = &sim->m;
     size_t D = (size_t)m->count[TS_D], count = 0;
-    int32_t *couples = malloc(2 * sizeof *couples * (6 * (size_t)m->count[TS_S] + 1));
+    int32_t *couples = malloc(2 * sizeof *couples * (10 * (size_t)m->count[TS_S] + (size_t)m->count[TS_R] + 1));
     if (!couples) return "out of memory";
     for (int i = 0; i < m->count[TS_S]; i++)
-        for (int a = 0; a < m->term_count[i]; a++)
-            for (int b = 0; b < a; b++, count++) {
-                couples[2 * count] = m->term[4 * i + a].block;
-                couples[2 * count + 1] = m->term[4 * i + b].block;
-            }
+        for (int a = 0; a < m->term_count[i]; a++) {
+            for (int b = 0; b < a; b++) couple(couples, &count, m->term[4 * i + a].block, m->term[4 * i + b].block);
+            if (m->winder[i] >= 0) couple(couples, &count, m->term[4 * i + a].block, m->blocks - m->count[TS_A] + m->winder[i]);
+        }
+    for (int r = 0; r < m->count[TS_R]; r++)
+        if (m->node_centre[m->dragged[r]] >= 0)
+            couple(couples, &count, m->node_centre[m->dragged[r]], m->node_block[m->dragged[r]]);
     int made = ts_pattern_make(&sim->pattern, m->blocks, (int32_t)D, couples, count);
     free(couples);
     if (!made) return "out of memory";
@@ -369,7 +404,9 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
             }
         }
         if (!reason) reason = lay_out_bars(m, nodes);
+        if (!reason) reason = lay_out_drives(m);
         if (!reason) {
+            m->velocity = nodes + N * D;
             lay_out_strings(m);
             for (int i = 0; i < N * D; i++) sim->x[i / D * 2 * D + i % D] = m->anchor[i]; /* fixed nodes stay there */
             lay_out_velocity(m, nodes + N * D);

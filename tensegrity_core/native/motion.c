@@ -4,7 +4,8 @@
  *     centre of a free bar:   r'' = Q/m
  *     vector of a free bar:   b'' = (12/m) P Q - (|b'|^2/|b|^2) b,   Q = (f2 - f1)/2
  *     pinned bar:             c'' = (3/m) P Q - (|c'|^2/|c|^2) c,    Q = f_tip
- * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
+ * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of mass,
+ * see drives.c; so do drag, moved nodes and actuators add to what stands here.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
  *
  * The state is y = [q, q', dissipated, input work, throughput].  External forces are mostly constant over a step; their work is
@@ -40,6 +41,18 @@ static int any(const double *x, int n)
 /* Does an input have a derivative beyond the rate of a rest length? */
 int ts_sloped(const ts_sim *sim) { return any(sim->slopes, 2 * sim->n_inputs); }
 
+static void prepare_forces(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int force = m->at[TS_FORCE], count = m->count[TS_F] * m->count[TS_D];
+    generalise(m, sim->values + force, sim->Qf);
+    sim->forces_move = any(sim->slopes + force, count) || any(sim->slopes + sim->n_inputs + force, count);
+    for (int e = 0; e < m->count[TS_E]; e++) sim->forces_move |= m->mover_bar[e] >= 0;
+    if (!sim->forces_move) return;
+    generalise(m, sim->slopes + force, sim->Qf_rate);
+    generalise(m, sim->slopes + sim->n_inputs + force, sim->Qf_bend);
+}
+
 static void prepare_rest_lengths(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
@@ -51,6 +64,7 @@ static void prepare_rest_lengths(ts_sim *sim)
         sim->rest_rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->values[rate + i];
         sim->rest_bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
         sim->rest_jerk[i] = second[rate + i];
+        if (m->winder[i] >= 0) sim->rest_rate[i] = sim->rest_bend[i] = sim->rest_jerk[i] = 0.0; /* the motor moves it */
         sim->rest_bends |= sim->rest_bend[i] != 0.0 || sim->rest_jerk[i] != 0.0;
         sim->rest_moves |= sim->rest_bends || sim->rest_rate[i] != 0.0;
     }
@@ -60,23 +74,14 @@ static void prepare_rest_lengths(ts_sim *sim)
 void ts_prepare(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D], force = m->at[TS_FORCE], count = m->count[TS_F] * D;
-    const double *mass = sim->values + m->at[TS_BAR_MASS];
-    double g = sim->values[m->at[TS_GRAVITY]];
-    generalise(m, sim->values + force, sim->Qf);
-    sim->forces_move = any(sim->slopes + force, count) || any(sim->slopes + sim->n_inputs + force, count);
-    if (sim->forces_move) {
-        generalise(m, sim->slopes + force, sim->Qf_rate);
-        generalise(m, sim->slopes + sim->n_inputs + force, sim->Qf_bend);
-    }
+    int D = m->count[TS_D];
+    ts_weigh(sim);
+    prepare_forces(sim);
     memcpy(sim->Qg, sim->Qf, sizeof(double) * (size_t)m->nq);
-    for (int i = 0; i < m->count[TS_B]; i++) {
-        int pinned = m->bar_centre[i] < 0, heavy = pinned ? m->bar_block[i] : m->bar_centre[i];
-        if (m->z_axis >= 0) sim->Qg[heavy * D + m->z_axis] -= mass[i] * g * (pinned ? 0.5 : 1.0);
-        if (!pinned) sim->inv[m->bar_centre[i]] = 1.0 / mass[i];
-        sim->inv[m->bar_block[i]] = (pinned ? 3.0 : 12.0) / mass[i];
-    }
+    for (int b = 0; b < m->blocks; b++)
+        for (int d = 0; d < D; d++) sim->Qg[b * D + d] += sim->laden[b] * sim->g[d];
     prepare_rest_lengths(sim);
+    if (m->driven) ts_drive(sim);
 }
 
 /* Rest length of a string at tau from the step's start (m). */
@@ -122,15 +127,15 @@ double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
 }
 
 /* Node positions and velocities from the blocks, side by side. */
-ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int D)
+ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int moves, const int D)
 {
     for (int i = 0; i < m->pinned_count; i++) {
         const ts_place_of_bar *p = m->pinned + i;
-        const double *base = m->anchor + p->second * D, *c = q + p->block * D, *cd = v + p->block * D;
+        const double *base = moves ? x + 2 * D * p->first : m->anchor + p->second * D, *c = q + p->block * D, *cd = v + p->block * D;
         double *tip = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
             tip[d] = base[d] + c[d];
-            tip[D + d] = cd[d];
+            tip[D + d] = moves ? base[D + d] + cd[d] : cd[d];
         }
     }
     for (int i = 0; i < m->floating_count; i++) {
@@ -138,10 +143,10 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
         const double *r = q + p->block * D, *b = r + D, *rd = v + p->block * D, *bd = rd + D;
         double *first = x + 2 * D * p->first, *second = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
-            first[d] = r[d] - 0.5 * b[d];
-            first[D + d] = rd[d] - 0.5 * bd[d];
-            second[d] = r[d] + 0.5 * b[d];
-            second[D + d] = rd[d] + 0.5 * bd[d];
+            first[d] = r[d] - p->lower * b[d];
+            first[D + d] = rd[d] - p->lower * bd[d];
+            second[d] = r[d] + p->upper * b[d];
+            second[D + d] = rd[d] + p->upper * bd[d];
         }
     }
 }
@@ -234,9 +239,15 @@ static void bend_rest_lengths(ts_sim *sim, double tau)
 ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int D)
 {
     const ts_model *m = &sim->m;
-    spread(m, q, v, sim->x, D);
-    if (sim->rest_bends) {
+    if (m->count[TS_E]) {
+        ts_move_bases(sim, tau);
+        spread(m, q, v, sim->x, 1, D);
+    } else {
+        spread(m, q, v, sim->x, 0, D);
+    }
+    if (sim->rest_bends || m->count[TS_A]) {
         bend_rest_lengths(sim, tau);
+        if (m->count[TS_A]) ts_wind(sim, q);
         stretch(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
     } else {
         stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
@@ -272,6 +283,15 @@ static void external_power(const ts_sim *sim, double tau, const double *v, doubl
         p[1] += power;
         p[2] += fabs(power);
     }
+    for (int e = 0; e < sim->m.count[TS_E]; e++) { /* on what a moved node carries along */
+        int D = sim->m.count[TS_D], bar = sim->m.mover_bar[e], i = bar < 0 ? 0 : sim->m.bar_block[bar] * D;
+        const double *speed = sim->base_now + (3 * e + 1) * D;
+        for (int d = 0; d < D && bar >= 0; d++) {
+            double power = (sim->Qf[i + d] + (sim->Qf_rate[i + d] + 0.5 * sim->Qf_bend[i + d] * tau) * tau) * speed[d];
+            p[1] += power;
+            p[2] += fabs(power);
+        }
+    }
 }
 
 /* Rates of the ledger's integrals (W): dampers, rest lengths that move, external forces that move. */
@@ -279,7 +299,7 @@ ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, 
 {
     double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
     const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate;
-    const double *rest_rate = sim->rest_bends ? sim->rest_rate_now : sim->rest_rate;
+    const double *rest_rate = sim->rest_bends || sim->m.count[TS_A] ? sim->rest_rate_now : sim->rest_rate;
     for (int i = 0; i < sim->m.lanes; i += TS_LANES)
         for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
     if (sim->rest_moves)
@@ -314,10 +334,11 @@ ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, do
         double *Qr = Q + p->block * D, *Qb = Qr + D;
         for (int d = 0; d < D; d++) {
             Qr[d] = Qg[d] + (f1[d] + f2[d]);
-            Qb[d] = Qg[D + d] + 0.5 * (f2[d] - f1[d]);
+            Qb[d] = Qg[D + d] + (p->upper * f2[d] - p->lower * f1[d]);
         }
     }
     if (sim->forces_move) move_forces(sim, tau, Q);
+    if (m->count[TS_E]) ts_carry(sim, Q);
 }
 
 /* Accelerations of a bar vector c from its generalised force, in place. */
@@ -335,6 +356,7 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     double *a = dy + nq;
     strings(sim, tau, q, v, D);
     pull(sim, sim->node_force, D);
+    if (m->driven) ts_drag(sim, sim->node_force);
     ledger_rates(sim, tau, v, dy + 2 * nq);
     gather(sim, tau, sim->node_force, a, D);
     for (int i = 0; i < nq; i++) dy[i] = v[i];
@@ -347,6 +369,10 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
         for (int d = 0; d < D; d++) a[r * D + d] *= sim->inv[r];
         turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
     }
+    if (!m->driven) return;
+    ts_motors(sim, tau, v, a);
+    for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inv[i / D];
+    ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
 }
 
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
@@ -357,6 +383,11 @@ void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 
 ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
+    if (sim->m.driven) { /* a moved node's power needs the accelerations */
+        rhs(sim, tau, y, sim->lin, D);
+        memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
+        return;
+    }
     strings(sim, tau, y, y + sim->m.nq, D);
     ledger_rates(sim, tau, y + sim->m.nq, p);
 }
@@ -368,7 +399,9 @@ ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, c
 {
     strings(sim, tau, y, y + sim->m.nq, D);
     pull(sim, sim->node_force, D);
+    if (sim->m.driven) ts_drag(sim, sim->node_force);
     gather(sim, tau, sim->node_force, Q, D);
+    if (sim->m.driven) ts_motors(sim, tau, y + sim->m.nq, Q);
 }
 
 void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(sim, forces, sim, tau, y, Q); }
@@ -378,9 +411,20 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
     const ts_model *m = &sim->m;
     double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
     string_vector(m, y, y + m->nq, i, s, sd, D);
+    for (int end = 0; m->count[TS_E] && end < 2; end++) {
+        double x[3], v[3], sign = end ? 1.0 : -1.0;
+        int mover = m->mover[m->strings[2 * i + end]];
+        if (mover < 0) continue;
+        ts_base_at(sim, tau, mover, x, v);
+        for (int d = 0; d < D; d++) s[d] += sign * x[d], sd[d] += sign * v[d];
+    }
     double xi = sqrt(dot(s, s, D));
     *gap = xi - ts_rest_length(sim, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
+    if (m->winder[i] >= 0) {
+        *gap += ts_wound(sim, y, i);
+        *rate += ts_wound(sim, y + m->nq, i);
+    }
 }
 
 /* Elongation of one string and its rate. */

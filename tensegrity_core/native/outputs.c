@@ -4,20 +4,32 @@
 #include <math.h>
 #include <string.h>
 
-/* Gravitational energy (J). */
+/* Where a fixed node is, moved ones as the last evaluation had them. */
+static const double *fixed_at(const ts_sim *sim, int node)
+{
+    const ts_model *m = &sim->m;
+    return m->mover[node] < 0 ? m->anchor + node * m->count[TS_D] : sim->base_now + 3 * m->mover[node] * m->count[TS_D];
+}
+
+/* Gravitational energy (J): of bars with their point masses, each as one mass, and of the fixed nodes'. */
 static double potential(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D], z = m->z_axis;
-    const double *mass = sim->values + m->at[TS_BAR_MASS];
+    int D = m->count[TS_D];
     double sum = 0.0;
-    for (int i = 0; z >= 0 && i < m->count[TS_B]; i++) {
-        int base = m->bar_base[i];
-        double height = base >= 0 ? m->anchor[base * D + z] + 0.5 * sim->y[m->bar_block[i] * D + z]
-                                  : sim->y[m->bar_centre[i] * D + z];
-        sum += mass[i] * height;
+    for (int b = 0; b < m->blocks; b++)
+        for (int d = 0; d < D; d++) sum -= sim->laden[b] * sim->g[d] * sim->y[b * D + d];
+    for (int i = 0; i < m->pinned_count; i++) {
+        const double *base = fixed_at(sim, m->pinned[i].first);
+        int bar = m->block_bar[m->pinned[i].block];
+        double mass = sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[m->pinned[i].second];
+        for (int d = 0; d < D; d++) sum -= mass * sim->g[d] * base[d];
     }
-    return sum * sim->values[m->at[TS_GRAVITY]];
+    for (int i = 0; i < m->count[TS_P]; i++) {
+        int node = m->massed[i];
+        for (int d = 0; d < D && m->fixed[node]; d++) sum -= sim->extra_mass[node] * sim->g[d] * fixed_at(sim, node)[d];
+    }
+    return sum;
 }
 
 static double energy_of_string(const ts_sim *sim, int i, double gap)
@@ -49,7 +61,29 @@ double ts_stored_energy(const ts_sim *sim, double tau)
     return sum;
 }
 
-static double kinetic(const ts_sim *sim)
+/* What moved nodes add to the kinetic energy: their own masses, and what the bars pinned there have of their velocity. */
+static double carried_energy(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    double sum = 0.0;
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        const double *v = sim->base_now + (3 * e + 1) * D;
+        double mass = sim->extra_mass[m->moved[e]], along = 0.0, square = 0.0;
+        int bar = m->mover_bar[e];
+        for (int d = 0; d < D; d++) square += v[d] * v[d];
+        if (bar >= 0) {
+            int block = m->bar_block[bar], tip = m->bars[2 * bar] == m->moved[e] ? m->bars[2 * bar + 1] : m->bars[2 * bar];
+            for (int d = 0; d < D; d++) along += v[d] * sim->y[m->nq + block * D + d];
+            mass += sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[tip];
+            sum += sim->laden[block] * along;
+        }
+        sum += 0.5 * mass * square;
+    }
+    return sum;
+}
+
+double ts_kinetic_energy(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
@@ -59,7 +93,7 @@ static double kinetic(const ts_sim *sim)
             double v = sim->y[m->nq + b * D + d];
             sum += 0.5 * v * v / sim->inv[b];
         }
-    return sum;
+    return m->count[TS_E] ? sum + carried_energy(sim) : sum;
 }
 
 static void nodes(ts_sim *sim)
@@ -83,7 +117,7 @@ static void strings(ts_sim *sim, double tau)
         if (sim->clipped[i]) ts_tension(sim, i, sim->gap[i], sim->gap_rate[i], &fs); /* the spring pulls all the same */
         sim->values[m->at[TS_STRING_FORCE] + i] = sim->fs[i] + sim->fd[i];
         sim->values[m->at[TS_ELASTIC_FORCE] + i] = fs;
-        sim->values[m->at[TS_STRING_LENGTH] + i] = sim->gap[i] + ts_rest_length(sim, i, tau);
+        sim->values[m->at[TS_STRING_LENGTH] + i] = sim->gap[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
     }
 }
 
@@ -94,13 +128,26 @@ static void loads(ts_sim *sim, double tau)
     int D = m->count[TS_D];
     const double *mass = sim->values + m->at[TS_BAR_MASS];
     for (int n = 0; n < m->count[TS_N]; n++)
-        for (int d = 0; d < D && m->free_index[n] >= 0; d++) {
+        for (int d = 0; d < D; d++) {
             int i = m->at[TS_FORCE] + m->free_index[n] * D + d;
+            sim->node_force[n * D + d] += sim->extra_mass[n] * sim->g[d];
+            if (m->free_index[n] < 0) continue;
             sim->node_force[n * D + d] += sim->values[i] + (sim->slopes[i] + 0.5 * sim->slopes[sim->n_inputs + i] * tau) * tau;
         }
-    for (int i = 0; m->z_axis >= 0 && i < m->count[TS_B]; i++)
-        for (int end = 0; end < 2; end++)
-            sim->node_force[m->bars[2 * i + end] * D + m->z_axis] -= 0.5 * mass[i] * sim->values[m->at[TS_GRAVITY]];
+    for (int i = 0; i < 2 * m->count[TS_B]; i++)
+        for (int d = 0; d < D; d++) sim->node_force[m->bars[i] * D + d] += 0.5 * mass[i / 2] * sim->g[d];
+}
+
+/* Acceleration of a node along axis d, the bases' included. */
+static double acceleration(const ts_sim *sim, int node, int d)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    const double *a = sim->f0 + m->nq;
+    double sum = m->mover[node] < 0 ? 0.0 : sim->base_now[(3 * m->mover[node] + 2) * D + d];
+    if (m->node_centre[node] >= 0) sum += a[m->node_centre[node] * D + d];
+    if (m->node_block[node] >= 0) sum += m->node_coef[node] * a[m->node_block[node] * D + d];
+    return sum;
 }
 
 /* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
@@ -110,11 +157,12 @@ static void reactions(ts_sim *sim)
     int D = m->count[TS_D];
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D && m->fixed[n]; d++)
-            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] = -sim->node_force[n * D + d];
+            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] =
+                sim->extra_mass[n] * acceleration(sim, n, d) - sim->node_force[n * D + d];
 }
 
-/* Reactions of pinned bars, m c''/2 - f_base - f_tip; then with them the axial forces (eq. 1):
- * -lambda l = J |b'|^2/l + b.(f2 - f1)/(2 l). */
+/* Reactions of pinned bars, sum of mass times acceleration - f_base - f_tip; then with them the axial forces (eq. 1):
+ * -lambda l = J |b'|^2/l + b.(f2 - m_2 n2'' - f1 + m_1 n1'')/(2 l), m_1 and m_2 being point masses. */
 static void bars(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
@@ -123,17 +171,29 @@ static void bars(ts_sim *sim)
     for (int i = 0; i < m->count[TS_B]; i++) {
         int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i];
         double axial = 0.0, speed = 0.0, *f1 = sim->node_force + first * D, *f2 = sim->node_force + second * D;
-        const double *v = sim->f0 + m->bar_block[i] * D, *a = v + m->nq;
+        const double *v = sim->f0 + m->bar_block[i] * D;
         double *R = base < 0 ? NULL : sim->values + m->at[TS_REACTION] + (-1 - m->free_index[base]) * D;
         for (int d = 0; d < D; d++) {
+            double a1 = acceleration(sim, first, d), a2 = acceleration(sim, second, d);
+            double inertia1 = sim->extra_mass[first] * a1, inertia2 = sim->extra_mass[second] * a2;
             if (R) {
-                R[d] = 0.5 * mass[i] * a[d] - f1[d] - f2[d];
+                R[d] = 0.5 * mass[i] * (a1 + a2) + inertia1 + inertia2 - f1[d] - f2[d];
                 sim->node_force[base * D + d] += R[d];
             }
-            axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - f1[d]);
+            axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - inertia2 - f1[d] + inertia1);
             speed += v[d] * v[d];
         }
         sim->values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar_length[i];
+    }
+}
+
+static void drives(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        double rate = ts_wound(sim, sim->y + m->nq, m->wound[a]);
+        sim->values[m->at[TS_WOUND_REST_LENGTH] + a] = sim->rest[m->wound[a]] - ts_wound(sim, sim->y, m->wound[a]);
+        sim->values[m->at[TS_MOTOR_SPEED] + a] = rate / sim->values[m->at[TS_DRUM_RADIUS] + a];
     }
 }
 
@@ -147,7 +207,8 @@ void ts_outputs(ts_sim *sim, double tau)
     loads(sim, tau);
     reactions(sim);
     bars(sim);
-    out[m->at[TS_KINETIC]] = kinetic(sim);
+    drives(sim);
+    out[m->at[TS_KINETIC]] = ts_kinetic_energy(sim);
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;
     for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->gap[i]);
@@ -166,6 +227,8 @@ static void node_rates(const ts_sim *sim, const double *f, double *out)
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D; d++) {
             double v = 0.0, a = 0.0;
+            const double *base = sim->base_now + (3 * m->mover[n] + 1) * D;
+            if (m->mover[n] >= 0) v += base[d], a += base[D + d];
             int b = m->node_block[n] * D + d, r = m->node_centre[n] * D + d, free = m->free_index[n];
             if (m->node_centre[n] >= 0) v += f[r], a += f[m->nq + r];
             if (m->node_block[n] >= 0) v += m->node_coef[n] * f[b], a += m->node_coef[n] * f[m->nq + b];

@@ -142,8 +142,14 @@ static const char *refuse(int field, double x)
     case TS_REST_LENGTH: return x < 0.0 ? "must not be negative" : NULL;
     case TS_STIFFNESS:
     case TS_DAMPING:
+    case TS_DRAG:
+    case TS_POINT_MASS:
+    case TS_MOTOR_DAMPING:
     case TS_MAX_STEP: return x < 0.0 ? "must not be negative" : NULL;
     case TS_BAR_MASS:
+    case TS_MOTOR_INERTIA:
+    case TS_TORQUE_CONSTANT:
+    case TS_DRUM_RADIUS:
     case TS_NSH_Q:
     case TS_NSH_H: return x > 0.0 ? NULL : "must be positive";
     case TS_NSH_ZETA: return x > 2.0 && x < 8.0 ? NULL : "must lie between 2 and 8 (a metastable beam)";
@@ -185,6 +191,17 @@ static void set_pieces(ts_sim *sim)
     for (int i = 0; i < sim->m.count[TS_S]; i++) ts_place(sim, i, sim->piece[i]);
 }
 
+/* The start has free bars' midpoints in the place of their centres of mass. */
+static void move_to_centres(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int i = 0; i < m->floating_count; i++)
+        for (int d = 0; d < D; d++)
+            for (int at = m->floating[i].block * D + d; at < 2 * m->nq; at += m->nq)
+                sim->y[at] += (m->floating[i].lower - 0.5) * sim->y[at + D];
+}
+
 int ts_initialize(ts_sim *sim, double time)
 {
     const ts_model *m = &sim->m;
@@ -209,10 +226,12 @@ int ts_initialize(ts_sim *sim, double time)
     set_reach(sim);
     sim->transition_count = 0;
     memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
-    ts_project(sim, sim->y);
     memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
     memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
     ts_prepare(sim);
+    move_to_centres(sim);
+    ts_project(sim, sim->y);
+    ts_jump_bases(sim, NULL, NULL, 0.0);
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
@@ -314,21 +333,33 @@ static int check_change(ts_sim *sim, double h)
     return TS_OK;
 }
 
-static int rest_lengths_move(const ts_sim *sim)
+/* Do inputs move on that say where something is at the step's start? */
+static int inputs_move(const ts_sim *sim)
 {
     const double *rate = sim->applied + sim->m.at[TS_REST_LENGTH_RATE];
     for (int i = 0; i < sim->m.count[TS_S]; i++)
         if (rate[i] != 0.0) return 1;
-    return 0;
+    return ts_inputs_move(sim);
+}
+
+static int wound_up(ts_sim *sim)
+{
+    if (!ts_wound_up(sim)) return TS_OK;
+    say(sim, "an actuator has wound its string up completely: lower its current, or give the string more rest length");
+    return TS_WOUND_UP;
 }
 
 /* Take over new inputs: pieces from scratch, and the jump of the stored energy goes into the input work. */
 static void take_inputs(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    double before = sim->values[m->at[TS_POTENTIAL]] + sim->values[m->at[TS_ELASTIC]];
+    double before = sim->values[m->at[TS_POTENTIAL]] + sim->values[m->at[TS_ELASTIC]], moved = 0.0;
+    if (m->count[TS_E]) {
+        ts_jump_bases(sim, sim->applied, sim->applied_slopes, sim->memory.last_step);
+        moved = ts_kinetic_energy(sim) - sim->values[m->at[TS_KINETIC]];
+    }
     ts_place_all(sim);
-    sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before;
+    sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before + moved;
     ts_close_span(sim);
 }
 
@@ -359,14 +390,17 @@ int ts_step(ts_sim *sim, double h)
         return TS_BAD_STEP;
     }
     int sloped = ts_sloped(sim);
-    int changed = sloped || sim->memory.sloped || memcmp(sim->values, sim->applied, bytes) || rest_lengths_move(sim) ||
+    int changed = sloped || sim->memory.sloped || memcmp(sim->values, sim->applied, bytes) || inputs_move(sim) ||
                   sim->integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
     if (!changed && ts_span_serves(sim, h)) {
         sim->transition_count = 0;
         sim->dense_ready = 1; /* since the step was opened */
+        if (sim->m.count[TS_A]) backup(sim, &memory);
         ts_serve_span(sim, h);
-        settle(sim, h, 0);
-        return TS_OK;
+        status = wound_up(sim);
+        if (status == TS_OK) settle(sim, h, 0);
+        else undo(sim, &memory);
+        return status;
     }
     backup(sim, &memory);
     ts_prepare(sim);
@@ -377,6 +411,7 @@ int ts_step(ts_sim *sim, double h)
         else set_pieces(sim);
         status = ts_integrate(sim, h, !changed);
     }
+    if (status == TS_OK) status = wound_up(sim);
     if (status != TS_OK) {
         undo(sim, &memory);
         return status;
