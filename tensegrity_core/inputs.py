@@ -1,12 +1,14 @@
 """Held inputs: what a simulation receives at each communication point.
 
-Over step k, from times[k] to times[k+1], the force is held and the rest length moves with its rate:
-xi0(t) = rest_length[k] + rest_length_rate[k] * (t - times[k]).  The reference, the kernel and the FMUs all get the same.
+Over step k, from times[k] to times[k+1], forces and currents are held and the rest length moves with its rate:
+xi0(t) = rest_length[k] + rest_length_rate[k] * (t - times[k]); a moved node goes with a constant acceleration:
+x(t) = node_position[k] + node_velocity[k] * (t - times[k]) + node_acceleration[k] * (t - times[k])^2 / 2.
+The reference, the kernel and the FMUs all get the same.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,12 +17,39 @@ from .model import Model
 
 @dataclass(frozen=True)
 class Inputs:
-    """times: (K+1,) s, increasing; force: (K, N, 3) N; rest_length: (K, S) m; rest_length_rate: (K, S) m/s."""
+    """times: (K+1,) s, increasing; force: (K, N, 3) N; rest_length: (K, S) m; rest_length_rate: (K, S) m/s;
+    current: (K, A) A; node_position, node_velocity, node_acceleration: (K, E, 3) m, m/s, m/s2, of the moved nodes.
+
+    None means: as the model starts, see `resolved`.  The rest lengths of strings with an actuator are ignored.
+    """
 
     times: np.ndarray
     force: np.ndarray
     rest_length: np.ndarray
     rest_length_rate: np.ndarray
+    current: np.ndarray | None = None
+    node_position: np.ndarray | None = None
+    node_velocity: np.ndarray | None = None
+    node_acceleration: np.ndarray | None = None
+
+    def resolved(self, model: Model) -> Inputs:
+        """The same with every array there: start currents, moved nodes that go on as the model starts, and the model's
+        rest lengths where an actuator winds."""
+        steps, moving = len(self.times) - 1, list(model.moving)
+        elapsed = (np.asarray(self.times, dtype=float)[:-1] - self.times[0])[:, None, None]
+        start = {
+            "current": np.tile(model.current, (steps, 1)),
+            "node_position": model.nodes[moving] + model.velocity[moving] * elapsed,
+            "node_velocity": np.tile(model.velocity[moving], (steps, 1, 1)),
+            "node_acceleration": np.zeros((steps, len(moving), 3)),
+        }
+        filled = {name: value for name, value in start.items() if getattr(self, name) is None}
+        if model.actuated:
+            wound = list(model.actuated)
+            for name, value in (("rest_length", model.rest_length[wound]), ("rest_length_rate", 0.0)):
+                filled[name] = np.array(getattr(self, name), dtype=float)
+                filled[name][:, wound] = value
+        return replace(self, **filled)
 
 
 def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
@@ -29,22 +58,32 @@ def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
     return start + np.arange(count + 1) * duration / count
 
 
-def held(model: Model, times: np.ndarray, force=None, rest_length=None) -> Inputs:
+def held(model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None) -> Inputs:
     """Sample signals into held inputs.
 
     force: function of t -> (N, 3) N, sampled just after each communication point; None: no force.
     rest_length: function of t -> (S,) m, sampled at the communication points and joined by straight lines
     (rate = difference / step); None: the model's rest lengths.
+    current: function of t -> (A,) A, sampled as the force is; None: the model's start currents.
+    motion: function of t -> positions (E, 3), m, and velocities (E, 3), m/s, of the moved nodes, sampled at the
+    communication points (acceleration = difference of velocities / step); None: they stay.
     """
     times = np.asarray(times, dtype=float)
     steps = len(times) - 1
+    middle = 0.5 * (times[1:] + times[:-1])
+    inside = times[:-1] + 1e-6 * (middle - times[:-1])
     forces = np.zeros((steps, len(model.nodes), 3))
     if force is not None:
-        middle = 0.5 * (times[1:] + times[:-1])
-        inside = times[:-1] + 1e-6 * (middle - times[:-1])
         forces[:] = [force(t) for t in inside]
     lengths = np.tile(model.rest_length, (steps + 1, 1))
     if rest_length is not None:
         lengths[:] = [rest_length(t) for t in times]
     rates = np.diff(lengths, axis=0) / np.diff(times)[:, None]
-    return Inputs(times, forces, lengths[:-1], rates)
+    more = {}
+    if current is not None:
+        more["current"] = np.array([current(t) for t in inside], dtype=float).reshape(steps, -1)
+    if motion is not None:
+        position, velocity = (np.array(part, dtype=float) for part in zip(*(motion(t) for t in times)))
+        acceleration = np.diff(velocity, axis=0) / np.diff(times)[:, None, None]
+        more |= {"node_position": position[:-1], "node_velocity": velocity[:-1], "node_acceleration": acceleration}
+    return Inputs(times, forces, lengths[:-1], rates, **more).resolved(model)

@@ -14,7 +14,17 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Iterator, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, Strict, StringConstraints, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Strict,
+    StringConstraints,
+    Tag,
+    ValidationError,
+)
 
 from .errors import SceneError
 
@@ -32,7 +42,8 @@ DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt")
 
 #: First words of the variables that a component owns (`n4.force.x`, `s1.rest_length`, ...).
 VARIABLE_WORDS = frozenset(
-    "x y z force velocity reaction mass rest length elastic stiffness damping snapped current nsh".split()
+    "x y z force velocity reaction mass rest length elastic stiffness damping snapped current nsh "
+    "drag position acceleration actuator".split()
 )
 
 SHORTEST = 1e-9  # m: below this a member has no usable direction
@@ -44,9 +55,16 @@ Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0A-\x1F\uFFFE\uF
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e15, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e15, allow_inf_nan=False)]
+Component = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
 Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
 Ends = Annotated[tuple[str, str], Strict(False)]
 Beams = Annotated[tuple[Positive, ...], Strict(False), Field(min_length=1)]
+#: A number or a vector; the tags tell pydantic which of the two to check, and stand in the places of its findings.
+Gravity = Annotated[
+    Annotated[NotNegative, Tag("[number]")]
+    | Annotated[tuple[Component, Component, Component], Strict(False), Tag("[vector]")],
+    Discriminator(lambda value: "[vector]" if isinstance(value, (list, tuple)) else "[number]"),
+]
 
 
 class Entry(BaseModel):
@@ -70,6 +88,15 @@ class Honeycomb(Entry):
     h: Beams = Field(description="arch height of each beam in m, a list of numbers greater than 0")
 
 
+class Actuator(Entry):
+    """A motor with a drum that winds a string in, eq. 8."""
+
+    inertia: Positive = Field(description="moment of inertia J_a of motor and drum in kg m2, greater than 0")
+    damping: NotNegative = Field(0.0, description="damping d_a of the motor in N m s, 0 or more")
+    torque_constant: Positive = Field(description="torque per current k_a in N m/A, greater than 0")
+    radius: Positive = Field(description="radius r of the drum in m, greater than 0 (1 for a linear motor)")
+
+
 class Bar(Entry):
     """A rigid thin bar."""
 
@@ -91,6 +118,7 @@ class String(Entry):
         description="name of one of the [nsh]: its force curve replaces the stiffness, "
         "which acts once it has bottomed out",
     )
+    actuator: str | None = Field(None, description="name of one of the [actuators]: it winds the string in")
 
 
 class Prestress(Entry):
@@ -113,7 +141,7 @@ class Scene(Entry):
     name: Name = Field(description="name of the scene, an identifier; without it the file's name")
     description: Text = Field("", description="one line for humans, without control characters")
     source: Text = Field("", description="where the numbers come from, one line without control characters")
-    gravity: NotNegative = Field(9.81, description="gravity in m/s2 towards -z, 0 or more")
+    gravity: Gravity = Field(9.81, description="gravity in m/s2: a number, 0 or more, towards -z, or a vector [x, y, z]")
     plane: Literal["xz", "yz", "xy"] | None = Field(
         None, description='"xz", "yz" or "xy" for a planar scene, whose nodes have two coordinates'
     )
@@ -126,11 +154,21 @@ class Scene(Entry):
         'or "released" (at rest there, balanced or not)',
     )
     fixed: Annotated[tuple[str, ...], Strict(False)] = Field((), description="names of the nodes fixed to the ground")
+    moving: Annotated[tuple[str, ...], Strict(False)] = Field(
+        (), description="names of the fixed nodes whose motion is an input"
+    )
     nodes: dict[Name, Point] = Field(description="node name = [x, y, z] in m (two coordinates in a planar scene)")
     materials: dict[Name, Material] = Field(default_factory=dict, description="materials of strings by name")
     nsh: dict[Name, Honeycomb] = Field(default_factory=dict, description="NSHs by name")
+    actuators: dict[Name, Actuator] = Field(default_factory=dict, description="actuators of strings by name")
     bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
     strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
+    point_masses: dict[str, NotNegative] = Field(
+        default_factory=dict, description="node name = mass in kg that the node carries beside its bar's, 0 or more"
+    )
+    drag: dict[str, NotNegative] = Field(
+        default_factory=dict, description="free node's name = drag coefficient in N s/m, force per velocity, 0 or more"
+    )
     prestress: Prestress = Field(
         default_factory=Prestress, description="what is known of the strings at the given coordinates"
     )
@@ -345,6 +383,8 @@ def _translated(failure: ValidationError, raw: dict, origin: dict, file: str) ->
     findings = failure.errors(include_url=False)
     finding = next((one for one in findings if one["type"] == "extra_forbidden"), findings[0])
     place, kind = [part for part in finding["loc"] if part != "[key]"], finding["type"]
+    if place[0] == "gravity":
+        place = [part for part in place if part not in ("[number]", "[vector]")]
     is_key = finding["loc"][-1] == "[key]"
     owner, field = _described(place)
     key = _key(place)
@@ -397,7 +437,7 @@ def _key(place: list) -> str:
 def _described(place: list) -> tuple[type[Entry], Any]:
     """The table that holds a place, and the field whose description says what belongs there."""
     owner, field = Scene, None
-    tables = {"materials": Material, "nsh": Honeycomb, "bars": Bar, "strings": String}
+    tables = {"materials": Material, "nsh": Honeycomb, "actuators": Actuator, "bars": Bar, "strings": String}
     for depth, part in enumerate(place):
         if isinstance(part, str) and part in owner.model_fields:
             field = owner.model_fields[part]
@@ -438,9 +478,15 @@ def _is_variable(head: str, tail: str) -> bool:
 
 def _check_coordinates(scene: Scene) -> Iterator[SceneError]:
     letters = scene.plane or "xyz"
-    if scene.plane == "xy" and scene.gravity != 0.0:
+    if isinstance(scene.gravity, tuple):
+        for at, (axis, value) in enumerate(zip("xyz", scene.gravity), 1):
+            if axis not in letters and value != 0.0:
+                problem = f"gravity acts along {axis}, across the plane {letters}"
+                yield scene.error(f"gravity[{at}]", problem, f"Write 0 for {axis}, or choose another plane.", value)
+    elif scene.plane == "xy" and scene.gravity != 0.0:
         problem = "gravity acts along -z, across the plane xy"
-        yield scene.error("gravity", problem, "Write gravity = 0, or choose the plane xz or yz.", scene.gravity)
+        remedy = "Write gravity = 0, give a vector [x, y, 0], or choose the plane xz or yz."
+        yield scene.error("gravity", problem, remedy, scene.gravity)
     for name, point in scene.nodes.items():
         if len(point) != len(letters):
             kind = f"planar scene ({scene.plane})" if scene.plane else "3D scene"
@@ -460,7 +506,9 @@ def _check_references(scene: Scene) -> Iterator[SceneError]:
                 if node not in scene.nodes:
                     yield scene.error(f"{kind}.{name}.nodes[{at}]", "is no node", _choose(node, scene.nodes))
     for name, string in scene.strings.items():
-        for key, table, held in (("material", "materials", scene.materials), ("nsh", "nsh", scene.nsh)):
+        tables = {"material": "materials", "nsh": "nsh", "actuator": "actuators"}
+        for key, table in tables.items():
+            held = getattr(scene, table)
             wanted = getattr(string, key)
             if wanted is not None and wanted not in held:
                 yield scene.error(f"strings.{name}.{key}", f"is not in [{table}]", _choose(wanted, held))
@@ -507,7 +555,8 @@ def _check_members(scene: Scene) -> Iterator[SceneError]:
             yield scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
     for node in scene.nodes:
         if node not in owner and node not in scene.fixed:
-            problem = "is neither fixed nor on a bar, so it has no mass"
+            problem = "is neither fixed nor on a bar"
+            problem += ", so it cannot be simulated" if node in scene.point_masses else ", so it has no mass"
             yield scene.error(f"nodes.{node}", problem, "Put it on a bar, or list it in fixed.")
 
 
@@ -524,7 +573,25 @@ def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
                 yield scene.error(f"nsh.{name}.zeta[{at}]", problem, "Choose 2 < zeta < 8 (metastable).")
 
 
-CHECKS = (_check_names, _check_coordinates, _check_references, _check_members, _check_honeycombs)
+def _check_loads(scene: Scene) -> Iterator[SceneError]:
+    """Point masses, drag and moved nodes."""
+    for key in ("point_masses", "drag"):
+        for name in getattr(scene, key):
+            if name not in scene.nodes:
+                yield scene.error(f"{key}.{name}", "is no node", _choose(name, scene.nodes))
+            if key == "drag" and name in scene.fixed:
+                yield scene.error(f"drag.{name}", "the node is fixed, so it has no drag", "Name a free node, or leave it out.")
+    for at, name in enumerate(scene.moving, 1):
+        if name not in scene.nodes:
+            yield scene.error(f"moving[{at}]", "is no node", _choose(name, scene.fixed))
+        if name not in scene.fixed:
+            problem = "is a free node, which moves by itself"
+            yield scene.error(f"moving[{at}]", problem, "List it in fixed, too, or leave it out.")
+        if name in scene.moving[: at - 1]:
+            yield scene.error(f"moving[{at}]", "is listed twice", "Remove one of the two.")
+
+
+CHECKS = (_check_names, _check_coordinates, _check_references, _check_members, _check_honeycombs, _check_loads)
 
 
 # --- the schema --------------------------------------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Statics: prestress, equilibrium, its stability, and the model that starts there.
 
 Members are numbered strings first, then bars.  A member's force is positive in tension.  Gravity acts as m g/2 at each
-bar node.  Degrees of freedom are the free nodes' coordinates along the axes that the scene uses, node by node.
+bar node, and on point masses.  Degrees of freedom are the free nodes' coordinates along the axes that the scene uses,
+node by node.
 
 Equilibria are minima of the potential energy V(x) = strings + gravity - external forces over the positions that keep
 every bar's length.  `descend` follows the overdamped gradient flow x' = -grad V on that surface, so it ends in the
@@ -23,7 +24,7 @@ import scipy.sparse.linalg as sparse_linalg
 
 from . import nsh as nsh_law
 from .errors import TensegrityError
-from .model import NSH, Model
+from .model import NSH, Actuator, Model
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -258,7 +259,14 @@ def build_model(scene: Scene) -> Model:
         except NoEquilibrium as failure:
             remedy = 'Change the prestress or the coordinates, or write start = "released".'
             raise scene.error("start", str(failure), remedy, scene.start) from None
-    return model
+    return replace(model, current=_holding_currents(model))
+
+
+def _holding_currents(model: Model) -> np.ndarray:
+    """(A,) A: the currents that hold the start tensions, i = r T / k_a."""
+    tension = string_tension(model, _lengths(model.nodes, model.strings))
+    motors = [(model.actuator[i], tension[i]) for i in model.actuated]
+    return np.array([motor.radius * pull / motor.torque_constant for motor, pull in motors])
 
 
 def _at_given_coordinates(scene: Scene) -> Model:
@@ -266,6 +274,7 @@ def _at_given_coordinates(scene: Scene) -> Model:
     nodes = np.array([scene.position(name) for name in scene.nodes])
     fixed = set(scene.fixed)
     honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h) for name, entry in scene.nsh.items()}
+    actuators = {name: Actuator(**entry.model_dump()) for name, entry in scene.actuators.items()}
     return Model(
         name=scene.name,
         description=scene.description,
@@ -285,7 +294,15 @@ def _at_given_coordinates(scene: Scene) -> Model:
         damping_law=scene.damping_law,
         gravity=scene.gravity,
         nominal=nodes,
+        actuator=tuple(actuators.get(string.actuator) for string in scene.strings.values()),
+        point_mass=_in_node_order(scene.point_masses, index),
+        drag=_in_node_order(scene.drag, index),
+        moving=tuple(sorted(index[node] for node in scene.moving)),
     )
+
+
+def _in_node_order(table: dict[str, float], index: dict[str, int]) -> tuple[tuple[int, float], ...]:
+    return tuple(sorted((index[node], value) for node, value in table.items()))
 
 
 def _prestress(scene: Scene, model: Model) -> np.ndarray:

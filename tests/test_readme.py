@@ -151,6 +151,7 @@ SECTIONS = {
     "`[strings]`": "String",
     "`[materials.NAME]`": "Material",
     "`[nsh.NAME]`": "Honeycomb",
+    "`[actuators.NAME]`": "Actuator",
     "`[prestress]`": "Prestress",
 }
 
