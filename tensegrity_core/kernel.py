@@ -301,6 +301,7 @@ def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-1
     if method not in METHODS:
         raise InputError(f"method = {method!r} is not one of {', '.join(METHODS)}")
     kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step)
+    inputs = inputs.resolved(model)
     axes, free, steps = list(model.axes), model.free_nodes, len(inputs.times) - 1
     rows, snapped = np.empty((steps + 1, len(kernel.values))), np.empty((steps + 1, kernel.counts["H"]), dtype=int)
     transitions: list[Transition] = []
@@ -309,6 +310,9 @@ def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-1
         kernel["force"][:] = inputs.force[k][np.ix_(free, axes)].ravel()
         kernel["rest_length"][:] = inputs.rest_length[k]
         kernel["rest_length_rate"][:] = inputs.rest_length_rate[k]
+        kernel["current"][:] = inputs.current[k]
+        for name in ("node_position", "node_velocity", "node_acceleration"):
+            kernel[name][:] = getattr(inputs, name)[k][:, axes].ravel()
 
     def record(k):
         rows[k], snapped[k] = kernel.values, kernel["snapped"]
@@ -332,6 +336,8 @@ def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-1
         string_length=series["string_length"],
         bar_force=series["bar_force"],
         reaction=_full(model, model.fixed_nodes, series["reaction"]),
+        wound_rest_length=series["wound_rest_length"],
+        motor_speed=series["motor_speed"],
         snapped=snapped,
         transitions=transitions,
         stats=kernel.stats,
