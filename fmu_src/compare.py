@@ -105,13 +105,14 @@ def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transiti
         return float(np.max(difference, initial=0.0))
 
     fastest = float(np.max(np.abs(reference.velocity[:rows])))
+    turning = float(np.max(np.abs(reference.motor_speed[:rows]), initial=0.0))
     through = float(reference.throughput[rows - 1])
     largest = max(float(np.max(np.abs(getattr(reference, name)[:rows]), initial=0.0)) for name in FORCES)
     unmatched, shift = match(ours, theirs)
     return Comparison(
         position=gap("position"),
-        length=gap("string_length"),
-        velocity=gap("velocity"),
+        length=max(gap("string_length"), gap("wound_rest_length")),
+        velocity=max(gap("velocity"), gap("motor_speed") / max(1.0, turning)),
         force=max(gap(name, clear) for name in FORCES),
         force_bound=FORCE_BOUND + FORCE_RELATIVE * largest,
         velocity_bound=VELOCITY_BOUND * max(1.0, fastest),

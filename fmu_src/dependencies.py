@@ -1,4 +1,5 @@
-"""On which inputs and parameters each output depends at the start, where positions and velocities are the scene's.
+"""On which inputs and parameters each output depends at the start, where positions and velocities are the scene's, but for those
+of moved nodes and of the bars that are pinned to them.
 
 At the start the lengths of the strings are given, so that an elastic force depends on its own string only; a bar pinned
 at one end swings under everything at its tip, a free bar's axial force is half the difference of its two end forces.
@@ -21,8 +22,9 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     for s in range(len(model.strings)):
         out[table.at("elastic_force", s)] = table.elastic(s)
         out[table.at("string_force", s)] = table.tension(s)
+        out[table.at("string_length", s)] = table.ends(s)
     for i, s in enumerate(model.nsh_strings):
-        out[table.at("snapped", i)] = table.curve(s) | {table.at("rest_length", s)}
+        out[table.at("snapped", i)] = table.elastic(s) - {table.at("stiffness", s)}
     for b in range(len(model.bars)):
         out[table.at("bar_force", b)] = table.bar_force(b)
     axes = len(model.axes)
@@ -31,12 +33,30 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
             out[table.at("reaction", g * axes + axis)] = table.reaction(int(node), axis)
     everything = [table.elastic(s) for s in range(len(model.strings))]
     out[table.at("elastic", 0)] = set().union(*everything)
-    out[table.at("potential", 0)] = {table.at("gravity", 0)} | {table.at("bar_mass", b) for b in range(len(model.bars))}
+    out[table.at("potential", 0)] = table.weights() | table.all("node_position")
+    out |= _of_motion(model, table)
+    return {output: known for output, known in out.items() if known}
+
+
+def _of_motion(model: Model, table: "_Table") -> dict[int, set[int]]:
+    """Positions, velocities and the kinetic energy of what moved nodes carry."""
+    axes = len(model.axes)
+    out: dict[int, set[int]] = {}
+    for node, mover in table.mover.items():
+        for axis in range(axes):
+            out[table.at("position", node * axes + axis)] = {table.at("node_position", mover * axes + axis)}
+        for f in np.flatnonzero(model.free_nodes == node):
+            out |= {table.at("velocity", int(f) * axes + axis): table.velocity(node) for axis in range(axes)}
+    if model.moving:
+        out[table.at("kinetic", 0)] = set().union(*(table.momentum(node) for node in model.moving))
     return out
 
 
 class _Table:
-    """Sets of value references that belong together in one model."""
+    """Sets of value references that belong together in one model.
+
+    mover: node -> place among the moved nodes of the one that it moves with, itself or its bar's pinned end.
+    """
 
     def __init__(self, model: Model):
         self.model = model
@@ -48,9 +68,45 @@ class _Table:
         for s in model.nsh_strings:
             self.first_beam[s] = beams
             beams += len(model.nsh[s].Q)
+        self.mover = {node: i for i, node in enumerate(model.moving)}
+        for a, b in model.bars.tolist():
+            for node, other in ((a, b), (b, a)):
+                if node in model.moving:
+                    self.mover[other] = model.moving.index(node)
 
     def at(self, field: str, index: int) -> int:
         return self.places[field].start + index
+
+    def all(self, field: str) -> set[int]:
+        return set(range(self.places[field].start, self.places[field].stop))
+
+    def of_node(self, field: str, node: int) -> set[int]:
+        """A motion input of the moved node that this one moves with."""
+        axes = len(self.model.axes)
+        return {self.at(field, self.mover[node] * axes + axis) for axis in range(axes)} if node in self.mover else set()
+
+    def point_masses(self, *nodes: int) -> set[int]:
+        return {self.at("point_mass", i) for i, (at, _) in enumerate(self.model.point_mass) if at in nodes}
+
+    def velocity(self, node: int) -> set[int]:
+        """What the velocity of a node depends on that moves with a moved one.  Of the bar's masses the impulse only knows the
+        ratio."""
+        known = self.of_node("node_velocity", node)
+        payload = self.point_masses(node)
+        bars = np.flatnonzero((self.model.bars == node).any(axis=1))
+        if known and payload and not self.model.fixed[node]:
+            known |= payload | {self.at("bar_mass", int(b)) for b in bars}
+        return known
+
+    def momentum(self, node: int) -> set[int]:
+        """What the kinetic energy of a moved node and of the bar that is pinned there depends on."""
+        ends = {node} | {int(end) for bar in self.model.bars if node in bar for end in bar}
+        known = self.point_masses(*ends).union(*(self.velocity(end) for end in ends))
+        return known | {self.at("bar_mass", b) for b, bar in enumerate(self.model.bars) if node in bar}
+
+    def ends(self, s: int) -> set[int]:
+        """Where the string's ends are."""
+        return set().union(*(self.of_node("node_position", int(node)) for node in self.model.strings[s]))
 
     def curve(self, s: int) -> set[int]:
         """The shape of a string's NSH."""
@@ -60,15 +116,22 @@ class _Table:
         return {self.at(name, i) for name in ("nsh_Q", "nsh_zeta", "nsh_h") for i in beams}
 
     def elastic(self, s: int) -> set[int]:
-        return {self.at("rest_length", s), self.at("stiffness", s)} | self.curve(s)
+        known = {self.at("stiffness", s)} | self.curve(s) | self.ends(s)
+        return known if self.model.actuator[s] else known | {self.at("rest_length", s)}
 
     def tension(self, s: int) -> set[int]:
-        return self.elastic(s) | {self.at("rest_length_rate", s), self.at("damping", s)}
+        rates = set().union(*(self.velocity(int(node)) for node in self.model.strings[s]))
+        if not self.model.actuator[s]:
+            rates |= {self.at("rest_length_rate", s)}
+        return self.elastic(s) | rates | {self.at("damping", s)} if rates else self.elastic(s)
 
     def node(self, node: int) -> set[int]:
-        """The force on a node by its strings and, where it is free, by the input."""
+        """The force on a node by its strings, by drag and, where it is free, by the input."""
         touching = np.flatnonzero((self.model.strings == node).any(axis=1))
         known = set().union(*(self.tension(int(s)) for s in touching))
+        for i, (at, _) in enumerate(self.model.drag):
+            if at == node and self.velocity(node):
+                known |= self.velocity(node) | {self.at("drag", i)}
         free = np.flatnonzero(self.model.free_nodes == node)
         axes = len(self.model.axes)
         return known | {self.at("force", int(f) * axes + axis) for f in free for axis in range(axes)}
@@ -77,14 +140,38 @@ class _Table:
         ends = [int(node) for node in self.model.bars[b]]
         free = [node for node in ends if not self.model.fixed[node]]
         known = set().union(*(self.node(node) for node in free))
-        return known if len(free) == 2 else known | self.weight(b)
+        if len(free) == 2:
+            payload = self.point_masses(*ends)
+            return known | payload | {self.at("bar_mass", b)} if payload else known
+        motion = (self.of_node(field, ends[0]) for field in ("node_velocity", "node_acceleration"))
+        return known.union(self.weight(b, free), *motion)
 
     def reaction(self, node: int, axis: int) -> set[int]:
         bars = np.flatnonzero((self.model.bars == node).any(axis=1))
-        known = self.node(node)
+        if not len(bars):
+            return self.node(node) | self.inertia(node, axis)
+        known = self.node(node) | self.of_node("node_velocity", node) | self.of_node("node_acceleration", node)
         for b in bars:
-            known |= self.weight(int(b)).union(*(self.node(int(end)) for end in self.model.bars[b]))
+            ends = [int(end) for end in self.model.bars[b]]
+            known |= self.weight(int(b), ends).union(*(self.node(end) for end in ends))
         return known
 
-    def weight(self, b: int) -> set[int]:
-        return {self.at("gravity", 0), self.at("bar_mass", b)}
+    def inertia(self, node: int, axis: int) -> set[int]:
+        """Of a point mass at an anchor: weight and inertia along an axis."""
+        payload, axes = self.point_masses(node), len(self.model.axes)
+        if not payload:
+            return set()
+        if self.model.counts["V"] > 1:
+            known = payload | {self.at("gravity", axis)}
+        else:
+            known = payload | self.all("gravity") if self.model.axes[axis] == 2 else set()
+        if node in self.mover:
+            known |= payload | {self.at("node_acceleration", self.mover[node] * axes + axis)}
+        return known
+
+    def weight(self, b: int, nodes: list[int]) -> set[int]:
+        """Of a bar and of the point masses at these of its nodes."""
+        return self.all("gravity") | {self.at("bar_mass", b)} | self.point_masses(*nodes)
+
+    def weights(self) -> set[int]:
+        return self.all("gravity") | self.all("bar_mass") | self.all("point_mass")

@@ -10,7 +10,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -173,6 +173,14 @@ def _variable(field, component, reference, start, model, known, naming) -> Varia
         field=field.name,
         known=tuple(sorted(known.get(reference, ()))),
     )
+
+
+def by_reference(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """A row for every value reference from 0 on, for the runtimes: where there is no variable, one without name that nobody
+    can set."""
+    known = {row.reference: row for row in table}
+    empty = Variable("", 0, "Real", "output", "continuous", None, None, None, None, None, None, "", "", ())
+    return tuple(known.get(i, replace(empty, reference=i)) for i in range(max(known) + 1))
 
 
 def flat(name: str) -> str:

@@ -129,7 +129,7 @@ def plain(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
     """The table for tools that know no enumerations and read every output as a Real: the enumeration becomes an Integer, and
     the Integer outputs, which come last, are left out."""
     kept = [row for row in table if row.kind != "Integer" or row.causality != "output"]
-    if [row.reference for row in kept] != list(range(len(kept))):
+    if kept != list(table[: len(kept)]):
         raise ValueError("an Integer output stands between other variables, whose indices would change")
     return tuple(replace(row, kind="Integer") if row.kind == "Enumeration" else row for row in kept)
 
@@ -198,13 +198,14 @@ def _add_variable(scalars: XML.Element, row: Variable) -> None:
 
 
 def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
-    """Indices in ModelStructure count the variables from 1; a variable's reference is its index from 0."""
+    """Indices in ModelStructure count the variables from 1."""
     structure = XML.SubElement(root, "ModelStructure")
+    index = {row.reference: str(i) for i, row in enumerate(table, 1)}
     outputs = [row for row in table if row.causality == "output"]
     listed = XML.SubElement(structure, "Outputs")
     for row in outputs:
-        XML.SubElement(listed, "Unknown", index=str(row.reference + 1), dependencies="")
+        XML.SubElement(listed, "Unknown", index=index[row.reference], dependencies="")
     unknowns = XML.SubElement(structure, "InitialUnknowns")
     for row in outputs:
-        known = " ".join(str(reference + 1) for reference in row.known)
-        XML.SubElement(unknowns, "Unknown", index=str(row.reference + 1), dependencies=known)
+        known = " ".join(index[reference] for reference in row.known)
+        XML.SubElement(unknowns, "Unknown", index=index[row.reference], dependencies=known)

@@ -22,7 +22,7 @@ from tensegrity_core.model import Model, to_bytes
 from tensegrity_core.native import build
 
 from . import terminals
-from .interface import Variable, variables
+from .interface import by_reference, Variable, variables
 from .model_description import LOG_CATEGORIES, Runtime, build_description, plain
 from .pack import PackError, complete, write_zip
 
@@ -167,7 +167,7 @@ def compiled_of(names: Iterable[str]) -> tuple[str, ...]:
 
 def variables_bin(model: Model, table: tuple[Variable, ...], guid: str) -> bytes:
     """What the runtime must know of the variables, in the layout of native_runtime/variables.c (little-endian)."""
-    largest = np.finfo(float).max
+    largest, table = np.finfo(float).max, by_reference(table)
     reals = sum(row.kind == "Real" for row in table)
     tolerance = next(row.reference for row in table if row.field == "tolerance")
     low = [-largest if row.min is None else row.min for row in table]

@@ -27,7 +27,7 @@ from tensegrity_core.model import Model, to_bytes
 from .closure import import_closure
 from .documentation import index_html
 from .drawing import model_png
-from .interface import Variable, variables
+from .interface import by_reference, Variable, variables
 from .model_description import Experiment, Runtime, content_guid, model_description, plain
 
 HERE = Path(__file__).parent
@@ -113,6 +113,7 @@ def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...],
 
 def variables_json(model: Model, table: tuple[Variable, ...], library: str, content: str) -> bytes:
     """What the runtime must know of the variables.  content: hash of the rest, so that identity stands for the FMU."""
+    table = by_reference(table)
     roles = {"input": "input", "output": "output"}
     data = {
         "library": library,

@@ -1,7 +1,8 @@
 """What an FMU is validated under: held inputs for any scene, at the scene's damping and at weaker and stronger ones.
 
 For the article's scenes these are its experiments: an upward force on each top node (I), the square wave of 400 N on n4
-(II), the top strings' rest lengths moving as a sine (III), and an asymmetric push besides.
+(II), the top strings' rest lengths moving as a sine (III), and an asymmetric push besides; where nodes are moved or actuators
+wind strings, they do.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def _inputs(model: Model, times: np.ndarray):
         held(model, times, lambda t: wave if t % 1.0 < 0.5 else -wave),
     )
 
-    if len(model.strings):
+    if len(model.strings) > len(model.actuated):
         moving, amplitude = moving_strings(model)
         names = ", ".join(model.string_names[i] for i in moving)
         yield (
@@ -81,6 +82,9 @@ def _inputs(model: Model, times: np.ndarray):
             f"rest lengths of {names}: sine of {amplitude:.3g} m, 2.5 s, from 2 s",
             held(model, times, rest_length=lambda t: model.rest_length + amplitude * moving_mask(model) * _sine(t)),
         )
+
+    if model.moving or model.actuated:
+        yield "drives", "moved nodes shaken, currents swinging", held(model, times, current=_currents(model), motion=_shaking(model))
 
     push = np.zeros((len(model.nodes), 3))
     push[node, list(model.axes)] = np.array([100.0, 50.0, -30.0])[list(model.axes)]
@@ -93,6 +97,27 @@ def _inputs(model: Model, times: np.ndarray):
 
 def _sine(t: float) -> float:
     return float(np.sin(2.0 * np.pi * (t - 2.0) / 2.5)) if 2.0 <= t <= 10.0 else 0.0
+
+
+#: Amplitude of moved nodes as part of the longest bar, and of currents as part of the start currents; their frequencies, 1/s.
+SHAKING, SWINGING, SHAKES, SWINGS = 0.02, 0.3, 9.0, 4.0
+
+
+def _shaking(model: Model):
+    """t -> positions and velocities (E, 3) of the moved nodes: a sine along each axis in use."""
+    rest, size = model.nodes[list(model.moving)], SHAKING * float(np.max(model.bar_length))
+    rates = np.zeros(3)
+    rates[list(model.axes)] = SHAKES * np.array([1.0, 1.3, 0.7])[: len(model.axes)]
+
+    def motion(t):
+        return rest + size * np.sin(rates * t), np.tile(size * rates * np.cos(rates * t), (len(rest), 1))
+
+    return motion
+
+
+def _currents(model: Model):
+    """t -> (A,) currents that swing about those of the start."""
+    return lambda t: model.current * (1.0 + SWINGING * np.sin(SWINGS * t))
 
 
 def top_nodes(model: Model) -> np.ndarray:
@@ -115,7 +140,8 @@ def moving_strings(model: Model) -> tuple[list[int], float]:
     """
     top = set(top_nodes(model).tolist())
     chosen = [i for i, ends in enumerate(model.strings.tolist()) if set(ends) <= top]
-    chosen = chosen or list(range(len(model.strings)))
+    unwound = [i for i, actuator in enumerate(model.actuator) if actuator is None]
+    chosen = [i for i in chosen if i in unwound] or unwound
     return chosen, min(0.15, 0.2 * float(np.min(model.rest_length[chosen])))
 
 

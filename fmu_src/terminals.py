@@ -13,8 +13,8 @@ from .interface import Variable, variables
 
 #: Fields by kind of terminal: forces with positions at a node, rest length with tension at a string.
 MEMBERS = {
-    "node": ("force", "position", "velocity", "reaction"),
-    "string": ("rest_length", "rest_length_rate", "string_force", "string_length"),
+    "node": ("force", "position", "velocity", "reaction", "node_position", "node_velocity", "node_acceleration"),
+    "string": ("rest_length", "rest_length_rate", "current", "wound_rest_length", "string_force", "string_length"),
 }
 PATH = "terminalsAndIcons/terminalsAndIcons.xml"
 

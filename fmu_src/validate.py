@@ -159,10 +159,15 @@ def _outcome(stored, run: Scenario, table: tuple[Variable, ...]):
 
 
 def input_values(run: Scenario) -> np.ndarray:
-    """(K, inputs) in the order of the variable table: forces on free nodes, rest lengths, their rates."""
-    model, inputs = run.model, run.inputs
-    force = inputs.force[:, model.free_nodes[:, None], list(model.axes)].reshape(len(inputs.force), -1)
-    return np.hstack((force, inputs.rest_length, inputs.rest_length_rate))
+    """(K, inputs) in the order of the variable table: forces on free nodes, rest lengths and their rates but for strings with
+    an actuator, currents, motions of moved nodes."""
+    model, inputs = run.model, run.inputs.resolved(run.model)
+    axes, steps = list(model.axes), len(inputs.force)
+    unwound = [i for i, actuator in enumerate(model.actuator) if actuator is None]
+    motions = [getattr(inputs, name)[:, :, axes] for name in ("node_position", "node_velocity", "node_acceleration")]
+    nodal = [part.reshape(steps, -1) for part in (inputs.force[:, model.free_nodes[:, None], axes], *motions)]
+    lengths = inputs.rest_length[:, unwound], inputs.rest_length_rate[:, unwound]
+    return np.hstack((nodal[0], *lengths, inputs.current, *nodal[1:]))
 
 
 def _changed(table: tuple[Variable, ...], model: Model, other: Model):

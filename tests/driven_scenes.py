@@ -46,7 +46,7 @@ LABORATORY = {
     "gravity": [1.0, -0.5, -9.0],
     "fixed": ["n1", "n2", "n3", "n7"],
     "moving": ["n1", "n7"],
-    "point_masses": {"n4": 0.4, "n1": 0.3, "n9": 0.25, "n8": 0.1, "n6": 0.2},
+    "point_masses": {"n4": 0.4, "n1": 0.3, "n7": 0.2, "n9": 0.25, "n8": 0.1, "n6": 0.2},
     "drag": {"n5": 3.0, "n4": 1.5, "n8": 2.0},
     "nodes": {"n7": [0.3, 0.2, 2.0], "n8": [0.5, 0.3, 1.3], "n9": [-0.2, 0.1, 1.5]},
     "actuators": {"winch": {"inertia": 2e-3, "damping": 0.05, "torque_constant": 0.4, "radius": 0.05}},

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
+from driven_scenes import LABORATORY, built
 from support import scene
 
 from fmu_src.interface import flat, variables
@@ -147,14 +148,26 @@ def test_steps_give_outputs_without_direct_dependencies(fmus):
 @pytest.mark.parametrize("name", ["two_bar_nsh", "three_bar_nsh", "six_bar"])
 def test_dependencies_at_the_start_are_those_of_the_kernel(name, fmus):
     """Each known is perturbed at random starts: what moves is declared, and what is declared moves."""
-    described = read_model_description(str(fmus[name])).initialUnknowns
+    _require_true_dependencies(scene(name), fmus[name])
+
+
+def test_dependencies_at_the_start_of_a_driven_scene(tmp_path):
+    model = built(LABORATORY)
+    fmu = pack_python_fmu(model, tmp_path / "laboratory.fmu")
+    assert validate_fmu(str(fmu)) == []
+    _require_true_dependencies(model, fmu)
+
+
+def _require_true_dependencies(model, fmu):
+    table = variables(model)
+    described = read_model_description(str(fmu)).initialUnknowns
     declared = {u.variable.valueReference: {v.valueReference for v in u.dependencies} for u in described}
-    assert len(declared) == sum(row.causality == "output" for row in variables(scene(name)))
+    assert len(declared) == sum(row.causality == "output" for row in table)
     observed = {reference: set() for reference in declared}
     for bottomed_out in (False, True):
-        _observe(scene(name), bottomed_out, observed)
-    names = [row.name for row in variables(scene(name))]
-    for row in variables(scene(name)):
+        _observe(model, bottomed_out, observed)
+    names = {row.reference: row.name for row in table}
+    for row in table:
         if row.causality != "output":
             continue
         seen, told = observed[row.reference], declared[row.reference]
@@ -171,6 +184,8 @@ def _observe(model, bottomed_out, observed):
         kernel["rest_length"][i] -= 2.1 * sum(nsh.h) if nsh and bottomed_out else rng.uniform(0.005, 0.03)
     kernel["force"][:] = rng.normal(size=len(kernel["force"]))
     kernel["rest_length_rate"][:] = -rng.random(len(model.strings))
+    for name in ("node_velocity", "node_acceleration"):
+        kernel[name][:] = 0.1 * rng.normal(size=len(kernel[name]))
     of_the_method = ("tolerance", "max_step", "method")
     knowns = [row for row in table if row.causality != "output" and row.field not in of_the_method]
     base = _outputs(kernel)

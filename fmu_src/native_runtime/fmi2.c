@@ -250,12 +250,14 @@ FMI2_Export fmi2Status fmi2Reset(fmi2Component c)
 
 /* -------------------------------------------------------------------------------------------------------------- values */
 
-/* Position of the first value reference outside first..end-1, or n. */
-static size_t stray(const fmi2ValueReference vr[], size_t n, int32_t first, int32_t end)
+/* Position of the first value reference outside first..end-1, or without a variable, or n. */
+static size_t stray(const variable_table *t, const fmi2ValueReference vr[], size_t n, int32_t first, int32_t end)
 {
-    size_t i = 0;
+    size_t i = 0, known = 0;
     while (i < n && vr[i] >= (uint32_t)first && vr[i] < (uint32_t)end) i++;
-    return i;
+    if (!t->gaps) return i;
+    while (known < i && *t->name[vr[known]]) known++;
+    return known;
 }
 
 static fmi2Status no_such(instance *fmu, const char *what, fmi2ValueReference vr, const char *type)
@@ -270,7 +272,7 @@ FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[
 {
     REQUIRE(c, AFTER_START);
     if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(vr, n, 0, fmu->table.count);
+    size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
     if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     const uint32_t reals = (uint32_t)fmu->table.reals;
@@ -282,7 +284,7 @@ FMI2_Export fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference 
 {
     REQUIRE(c, AFTER_START);
     if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(vr, n, fmu->table.reals, fmu->table.count);
+    size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
     if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     for (size_t i = 0; i < n; i++) value[i] = fmu->integers[vr[i] - (uint32_t)fmu->table.reals];
@@ -321,7 +323,7 @@ FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[
 {
     REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
     if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(vr, n, 0, fmu->table.reals);
+    size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.reals);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
     const variable_table *t = &fmu->table;
     for (size_t i = 0; i < n; i++) {
@@ -338,7 +340,7 @@ FMI2_Export fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference 
 {
     REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
     if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(vr, n, fmu->table.reals, fmu->table.count);
+    size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
     for (size_t i = 0; i < n; i++) {
         fmi2Status status = judge(fmu, __func__, vr[i], value[i], fmu->integers[vr[i] - (uint32_t)fmu->table.reals]);
@@ -518,7 +520,7 @@ FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
     if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
     int32_t inputs = ts_input_count(fmu->sim);
     double *slopes = ts_slopes(fmu->sim);
-    size_t bad = stray(vr, n, 0, inputs);
+    size_t bad = stray(&fmu->table, vr, n, 0, inputs);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "input");
     for (size_t i = 0; i < n; i++) {
         if (order[i] != 1 && order[i] != 2) return error(fmu, __func__, "only derivatives of order 1 and 2 are used");
@@ -537,7 +539,7 @@ FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
 {
     REQUIRE(c, FMU_STEPPING | FMU_TERMINATED | FMU_ERROR);
     if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(vr, n, fmu->first_output, fmu->table.reals);
+    size_t bad = stray(&fmu->table, vr, n, fmu->first_output, fmu->table.reals);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real output");
     for (size_t i = 0; i < n; i++)
         if (order[i] != 1) return error(fmu, __func__, "only derivatives of order 1 are given");

@@ -28,6 +28,7 @@ typedef struct {
     const char *guid;
     int32_t reals, count, strings;
     int32_t tolerance; /* reference of solver.tolerance */
+    int32_t gaps;      /* some references have no variable: their names are empty */
     const double *low, *high;  /* (count) values that are accepted */
     const int32_t *settable;   /* (count) modes in which a value may be set, as bits */
     const char **name;         /* (count + strings) owned: of variables, then of strings */

@@ -32,6 +32,7 @@ int variables_read(variable_table *table, char *bytes, size_t size)
         if (text >= end) return 0;
         if (i == 0) table->guid = text;
         else table->name[i - 1] = text;
+        table->gaps |= i > 0 && i <= count && !*text;
         text += strlen(text) + 1;
     }
     return text == end;

@@ -28,13 +28,13 @@ class Group(NamedTuple):
 class Block:
     """One block of values: the references first .. first + size - 1."""
 
-    def __init__(self, kind, first, low, high, settable):
-        self.kind, self.first, self.size = kind, first, len(low)
+    def __init__(self, kind, first, low, high, settable, names):
+        self.kind, self.first, self.size, self._names = kind, first, len(low), names
         self._low, self._high, self._settable = low, high, settable
         self._groups = {}
 
     def __contains__(self, reference):
-        return self.first <= reference < self.first + self.size
+        return self.first <= reference < self.first + self.size and self._names[reference - self.first] != ""
 
     def group(self, references) -> Group | None:
         """The references of a call, looked up once for each list of references; None where one does not exist."""
@@ -69,8 +69,8 @@ class Table:
         self._low = np.array([-_LARGEST if low is None else low for low in data["min"]])
         self._high = np.array([_LARGEST if high is None else high for high in data["max"]])
         reals, settable = data["reals"], np.array(self.settable)
-        self.reals = Block("Real", 0, self._low[:reals], self._high[:reals], settable[:reals])
-        self.integers = Block("Integer", reals, self._low[reals:], self._high[reals:], settable[reals:])
+        self.reals = Block("Real", 0, self._low[:reals], self._high[:reals], settable[:reals], self.names[:reals])
+        self.integers = Block("Integer", reals, self._low[reals:], self._high[reals:], settable[reals:], self.names[reals:])
 
     def accepts(self, reference, value):
         return bool(self._low[reference] <= value <= self._high[reference])
