@@ -202,6 +202,7 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "stiffness": model.stiffness,
         "damping": model.damping,
         "current": model.current,
+        "drum_load": np.zeros(len(motors)),
         "node_position": model.nodes[moving][:, axes].ravel(),
         "node_velocity": model.velocity[moving][:, axes].ravel(),
         "node_acceleration": np.zeros(len(moving) * len(axes)),

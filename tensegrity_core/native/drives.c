@@ -8,7 +8,7 @@
  * Moved nodes.  Over a step x = x_0 + v t + a t^2/2.  A bar pinned there feels -(m/2 + m_p) a like a weight.  A jump of v by dv is an
  * impulse: c' changes by -kappa P dv, kappa = (m/2 + m_p)/(m/3 + m_p).  A jump of x carries the bar along and has no impulse.
  * Actuators, eq. 8 with the sign of winding in: J_a delta'' + d_a delta' = k_a i - r T, xi0 = xi0(0) - r delta.  The coordinate is
- * w = r delta, in m, with the inertia J_a/r^2: (J_a/r^2) w'' = (k_a/r) i - T - (d_a/r^2) w'.
+ * w = r delta, in m, with the inertia J_a/r^2: (J_a/r^2) w'' = (k_a/r) i - T - (d_a/r^2) w'; a load on the drum adds to T.
  * Each actuator has a block of its own, behind those of the bars, of which it uses the first number. */
 #include "kinematics.h"
 
@@ -220,14 +220,24 @@ int ts_wound_up(const ts_sim *sim)
 }
 
 typedef struct {
-    double push, loss; /* (k_a/r) i, N; d_a/r^2, N s/m */
+    double push, loss; /* (k_a/r) i less the load on the drum, N; d_a/r^2, N s/m */
 } motor;
 
-static motor motor_of(const ts_sim *sim, double tau, int a)
+/* An input with its derivatives, and its rate. */
+static double held(const ts_sim *sim, int at, double tau, double *rate)
 {
-    int at = sim->m.at[TS_CURRENT] + a;
-    double r = value(sim, TS_DRUM_RADIUS, a), i = sim->values[at] + (sim->slopes[at] + 0.5 * sim->slopes[sim->n_inputs + at] * tau) * tau;
-    return (motor){value(sim, TS_TORQUE_CONSTANT, a) / r * i, value(sim, TS_MOTOR_DAMPING, a) / (r * r)};
+    double bend = sim->slopes[sim->n_inputs + at];
+    *rate = sim->slopes[at] + bend * tau;
+    return sim->values[at] + (sim->slopes[at] + 0.5 * bend * tau) * tau;
+}
+
+static motor motor_of(const ts_sim *sim, double tau, int a, double *push_rate)
+{
+    double r = value(sim, TS_DRUM_RADIUS, a), per_current = value(sim, TS_TORQUE_CONSTANT, a) / r, current_rate, load_rate;
+    double current = held(sim, sim->m.at[TS_CURRENT] + a, tau, &current_rate);
+    double load = held(sim, sim->m.at[TS_DRUM_LOAD] + a, tau, &load_rate);
+    *push_rate = per_current * current_rate - load_rate;
+    return (motor){per_current * current - load, value(sim, TS_MOTOR_DAMPING, a) / (r * r)};
 }
 
 /* Forces on the actuators' blocks. */
@@ -235,7 +245,8 @@ void ts_motors(const ts_sim *sim, double tau, const double *v, double *Q)
 {
     for (int a = 0; a < sim->m.count[TS_A]; a++) {
         int at = motor_at(sim, a), i = sim->m.wound[a];
-        motor drive = motor_of(sim, tau, a);
+        double rate;
+        motor drive = motor_of(sim, tau, a, &rate);
         for (int d = 0; d < sim->m.count[TS_D]; d++) Q[at + d] = 0.0;
         Q[at] = drive.push - (sim->fs[i] + sim->fd[i]) - drive.loss * v[at];
     }
@@ -280,8 +291,8 @@ void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double
     }
     for (int k = 0; k < m->count[TS_A]; k++) {
         int i = m->wound[k];
-        double speed = v[motor_at(sim, k)], taken = -(sim->fs[i] + sim->fd[i]) * sim->rest_rate_now[i];
-        motor drive = motor_of(sim, tau, k);
+        double rate, speed = v[motor_at(sim, k)], taken = -(sim->fs[i] + sim->fd[i]) * sim->rest_rate_now[i];
+        motor drive = motor_of(sim, tau, k, &rate);
         put_in(p, drive.push * speed);
         p[0] += drive.loss * speed * speed;
         p[2] += drive.loss * speed * speed;
@@ -328,9 +339,9 @@ void ts_drive_jacobian(ts_sim *sim, double tau)
         for (int d = 0; d < D; d++) sim->ft[block * D + d] += w * derivative(sim->base + DERIVATIVES * e * D, D, d, 3, tau);
     }
     for (int a = 0; a < m->count[TS_A]; a++) {
-        int at = motor_at(sim, a), block = at / D, current = m->at[TS_CURRENT] + a;
-        double rate = sim->slopes[current] + sim->slopes[sim->n_inputs + current] * tau, inv = sim->inv[block];
-        sim->Jv[m->own_place[block]] -= inv * motor_of(sim, tau, a).loss;
-        sim->ft[at] += inv * value(sim, TS_TORQUE_CONSTANT, a) / value(sim, TS_DRUM_RADIUS, a) * rate;
+        int at = motor_at(sim, a), block = at / D;
+        double rate, loss = motor_of(sim, tau, a, &rate).loss;
+        sim->Jv[m->own_place[block]] -= sim->inv[block] * loss;
+        sim->ft[at] += sim->inv[block] * rate;
     }
 }

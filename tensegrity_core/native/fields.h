@@ -10,6 +10,7 @@ enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
     X(TS_REST_LENGTH, TS_ROLE_INPUT, TS_S, -1) /* m: rest length at the start of the next step */ \
     X(TS_REST_LENGTH_RATE, TS_ROLE_INPUT, TS_S, -1) /* m/s: rate of the rest length during the next step */ \
     X(TS_CURRENT, TS_ROLE_INPUT, TS_A, -1) /* A: current of an actuator's motor, held over a step */ \
+    X(TS_DRUM_LOAD, TS_ROLE_INPUT, TS_A, -1) /* N: pull on an actuator's drum beside its string's tension */ \
     X(TS_NODE_POSITION, TS_ROLE_INPUT, TS_E, TS_D) /* m: position of a moved node at the start of the next step */ \
     X(TS_NODE_VELOCITY, TS_ROLE_INPUT, TS_E, TS_D) /* m/s: its velocity then */ \
     X(TS_NODE_ACCELERATION, TS_ROLE_INPUT, TS_E, TS_D) /* m/s2: its acceleration during the next step */ \
@@ -34,6 +35,7 @@ enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
     X(TS_ELASTIC_FORCE, TS_ROLE_OUTPUT, TS_S, -1) /* N: elastic tension */ \
     X(TS_STRING_LENGTH, TS_ROLE_OUTPUT, TS_S, -1) /* m: length */ \
     X(TS_WOUND_REST_LENGTH, TS_ROLE_OUTPUT, TS_A, -1) /* m: rest length of a string with an actuator */ \
+    X(TS_WOUND_REST_LENGTH_RATE, TS_ROLE_OUTPUT, TS_A, -1) /* m/s: its rate */ \
     X(TS_MOTOR_SPEED, TS_ROLE_OUTPUT, TS_A, -1) /* rad/s: speed at which the motor winds in */ \
     X(TS_BAR_FORCE, TS_ROLE_OUTPUT, TS_B, -1) /* N: axial force, mean over the bar: -lambda l of eq. 1, tension positive */ \
     X(TS_REACTION, TS_ROLE_OUTPUT, TS_G, TS_D) /* N: force of the ground on the structure at a fixed node */ \

@@ -193,6 +193,7 @@ static void drives(ts_sim *sim)
     for (int a = 0; a < m->count[TS_A]; a++) {
         double rate = ts_wound(sim, sim->y + m->nq, m->wound[a]);
         sim->values[m->at[TS_WOUND_REST_LENGTH] + a] = sim->rest[m->wound[a]] - ts_wound(sim, sim->y, m->wound[a]);
+        sim->values[m->at[TS_WOUND_REST_LENGTH_RATE] + a] = -rate;
         sim->values[m->at[TS_MOTOR_SPEED] + a] = rate / sim->values[m->at[TS_DRUM_RADIUS] + a];
     }
 }
