@@ -2,7 +2,8 @@
 
 Independent of the C kernel on purpose.  Matrices follow the article: node coordinates N and velocities Ndot are 3 x n
 (a column per node), C_s, C_b, C_r are the connectivities of strings, bars and bar centres.  Two errata of the article
-are mended, see `mass_matrix` and `bar_force_density`.
+are mended, see `mass_matrix` and `bar_force_density`.  Beyond the article: point masses, drag, moved nodes (`moved`) and,
+with the sign of winding in, its eq. 8 (`actuator`).
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import actuator
 from . import nsh as honeycomb
+from .actuator import Motors, motors_of
 from .errors import InputError
 from .model import Model
+from .moved import Moved, moved_nodes
 
 #: Least string length, m: keeps 0/0 out where a slack string's ends meet.
 TINY = 1e-300
@@ -35,12 +39,24 @@ def diagonal(A, B):
     return np.add.reduce(A * B)
 
 
-def mass_matrix(C_b: np.ndarray, C_r: np.ndarray, J: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """M = C_b^T J C_b + C_r^T m C_r of eq. 1, kg.
+def mass_matrix(C_b: np.ndarray, C_r: np.ndarray, J: np.ndarray, m: np.ndarray, m_p: np.ndarray) -> np.ndarray:
+    """M = C_b^T J C_b + C_r^T m C_r of eq. 1, kg, plus the point masses m_p (n,) on its diagonal.
 
     Erratum: J_i = m_i / 12.  The article's m_i l_i^2 / 12 is a moment of inertia, and M must be a mass.
     """
-    return (C_b.T * J) @ C_b + (C_r.T * m) @ C_r
+    return (C_b.T * J) @ C_b + (C_r.T * m) @ C_r + np.diag(m_p)
+
+
+def centred(C_b: np.ndarray, m: np.ndarray, m_p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bars with point masses, as if free: the moment of inertia about the centre of mass over l^2 (B,), kg, and the ends'
+    places about the centre of mass in terms of the bar's vector (B, n).  Without point masses: m / 12, C_b / 2.
+
+    In terms of M these are 1 / (C_b M^-1 C_b^T) and C_b M^-1 / (C_b M^-1 C_b^T), bar by bar.
+    """
+    first, second = (C_b < 0.0) @ m_p, (C_b > 0.0) @ m_p
+    x = (0.5 * m + second) / (m + first + second)    # the centre's place along the bar, from the first node
+    inertia = m / 12.0 + m * (0.5 - x) ** 2 + first * x ** 2 + second * (1.0 - x) ** 2
+    return inertia, (C_b < 0.0) * -x[:, None] + (C_b > 0.0) * (1.0 - x)[:, None]
 
 
 def string_motion(N, Ndot, C_s):
@@ -64,13 +80,14 @@ def damping_tension(stretch_rate, taut, d):
     return taut * d * stretch_rate
 
 
-def bar_force_density(B, inertial, F, C_b):
+def bar_force_density(B, inertial, F, arms):
     """lambda (B,) N/m of eq. 1: -J l^-2 [Bdot^T Bdot] - l^-2 [B^T F C_b^T] / 2, diagonals only.
 
-    inertial: the diagonal of J Bdot^T Bdot.
+    inertial: the diagonal of J Bdot^T Bdot.  J and arms, which stands for C_b / 2: see `centred`; with point masses, too,
+    this lambda leaves b . b'' + |b'|^2 = 0 under N'' M = F + B lambda C_b.
     Erratum: F = W - S (gamma + eta) C_s, the force on the nodes; the article has the strings' term with the other sign.
     """
-    return (diagonal(B, F @ C_b.T) * -0.5 - inertial) / diagonal(B, B)
+    return (-diagonal(B, F @ arms.T) - inertial) / diagonal(B, B)
 
 
 def stiffness_matrix(density, lam, C_s, C_b):
@@ -78,19 +95,20 @@ def stiffness_matrix(density, lam, C_s, C_b):
     return (C_s.T * density) @ C_s - (C_b.T * lam) @ C_b
 
 
-def constraint_forces(B, lam, F, g: "Ground"):
-    """F_c (3, n) N of eq. 1: forces of the ground that leave the fixed nodes without acceleration.
+def constraint_forces(B, lam, F, acceleration, g: "Ground"):
+    """F_c (3, n) N of eq. 1: forces of the ground that leave the fixed nodes with the acceleration (3, n) of their inputs,
+    which is zero unless they are moved.
 
-    lam, F: lambda and nodal forces without the ground's; they leave an acceleration a at a fixed node g.  Through W
-    and through lambda, a force c there changes it by A c, A = p I - q b b^T / l^2, where b is the node's bar,
-    p = (M^-1)_gg and q = (C_b)_bg (C_b M^-1)_bg / 2.  So c = -A^-1 a, A^-1 = (I + q / (p - q) b b^T / l^2) / p
+    lam, F: lambda and nodal forces without the ground's; they leave too large an acceleration by a at a fixed node g.
+    Through W and through lambda, a force c there changes it by A c, A = p I - q b b^T / l^2, where b is the node's bar,
+    p = (M^-1)_gg and q = arms_bg (C_b M^-1)_bg.  So c = -A^-1 a, A^-1 = (I + q / (p - q) b b^T / l^2) / p
     (Sherman and Morrison's formula).  Class 1: no other node's c enters.
-    At an anchor, a fixed node without a bar, the ground balances the strings.
+    At an anchor, a fixed node without a bar, the ground balances the strings and moves the point mass.
     """
-    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv
+    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv - acceleration @ g.pins.T
     b = B @ g.bars
     c = -(a + b * (g.ratio * diagonal(b, a) / diagonal(b, b))) / g.p
-    return c @ g.pins - F * g.anchors
+    return c @ g.pins + (acceleration * g.anchor_mass - F * g.anchors)
 
 
 def first_order_form(N, Ndot, K, W, M_inv):
@@ -113,7 +131,7 @@ class Ground(NamedTuple):
 
     For the G of them that end a bar (pins): M_inv (n, G) and C_b_M_inv (B, G), the columns of M^-1 and of C_b M^-1;
     bars (B, G) selects the pin's bar, pins (G, n) the pin; p and ratio = q / (p - q) (G,), see `constraint_forces`.
-    anchors (n,): 1 at fixed nodes without a bar.
+    anchors (n,): 1 at fixed nodes without a bar; anchor_mass (n,): point masses there, kg.
     """
 
     M_inv: np.ndarray
@@ -123,14 +141,16 @@ class Ground(NamedTuple):
     p: np.ndarray
     ratio: np.ndarray
     anchors: np.ndarray
+    anchor_mass: np.ndarray
 
 
 @dataclass(frozen=True)
 class Structure:
     """A model's constant matrices, in the article's notation.
 
-    weight (3, n): gravity at the nodes, N; lever (B, n): how a bar's nodes move when its vector changes about its
-    centre or pin; in_plane (3, 1): 1 on the axes that the scene uses;
+    J (B,), arms (B, n): see `centred`; weight (3, n): gravity at the nodes, N; drag (n,): N s/m;
+    lever (B, n): how a bar's nodes move when its vector changes about its centre of mass or pin;
+    in_plane (3, 1): 1 on the axes that the scene uses;
     honeycombs: (string, NSH) of the strings that have one;
     breakpoints: per string the ends of its pieces, m.
     """
@@ -139,10 +159,14 @@ class Structure:
     C_s: np.ndarray
     C_b: np.ndarray
     J: np.ndarray
+    arms: np.ndarray
     M: np.ndarray
     M_inv: np.ndarray
     ground: Ground
+    moved: Moved
+    motors: Motors
     weight: np.ndarray
+    drag: np.ndarray
     lever: np.ndarray
     in_plane: np.ndarray
     honeycombs: tuple
@@ -155,28 +179,33 @@ def structure(model: Model) -> Structure:
     bar_of = _bar_of_node(model)
     C_s, C_b = connectivity(model.strings, n), connectivity(model.bars, n)
     C_r = 0.5 * np.abs(C_b)
-    J = model.bar_mass / 12.0
-    M = mass_matrix(C_b, C_r, J, model.bar_mass)
+    m_p, drag = np.zeros(n), np.zeros(n)
+    for where, table in ((m_p, model.point_mass), (drag, model.drag)):
+        for node, value in table:
+            where[node] = value
+    J, arms = centred(C_b, model.bar_mass, m_p)
+    M = mass_matrix(C_b, C_r, model.bar_mass / 12.0, model.bar_mass, m_p)
     on_bar = np.flatnonzero(bar_of >= 0)
     M_inv = np.zeros((n, n))    # anchors have no mass and no acceleration
     M_inv[np.ix_(on_bar, on_bar)] = np.linalg.inv(M[np.ix_(on_bar, on_bar)])
 
     pins = np.flatnonzero(model.fixed & (bar_of >= 0))
     pin_bars = bar_of[pins]
-    lever = 0.5 * C_b
+    lever = arms.copy()
     lever[pin_bars] = C_b[pin_bars]
     lever[pin_bars, pins] = 0.0
-    p, q = M_inv[pins, pins], 0.5 * C_b[pin_bars, pins] * (C_b @ M_inv)[pin_bars, pins]
+    p, q = M_inv[pins, pins], arms[pin_bars, pins] * (C_b @ M_inv)[pin_bars, pins]
+    anchors = (model.fixed & (bar_of < 0)).astype(float)
     ground = Ground(M_inv[:, pins], (C_b @ M_inv)[:, pins], np.eye(len(model.bars))[:, pin_bars], np.eye(n)[pins],
-                    p, q / (p - q), (model.fixed & (bar_of < 0)).astype(float))
+                    p, q / (p - q), anchors, anchors * m_p)
 
     in_plane = np.zeros((3, 1))
     in_plane[list(model.axes)] = 1.0
-    weight = np.zeros((3, n))
-    weight[2] = -model.gravity * model.bar_mass @ C_r
+    weight = model.g[:, None] * (model.bar_mass @ C_r + m_p)
     honeycombs = tuple((j, nsh) for j, nsh in enumerate(model.nsh) if nsh is not None)
     ends = tuple((0.0,) if nsh is None else tuple(honeycomb.breakpoints(nsh).tolist()) for nsh in model.nsh)
-    return Structure(model, C_s, C_b, J, M, M_inv, ground, weight, lever, in_plane, honeycombs, ends)
+    return Structure(model, C_s, C_b, J, arms, M, M_inv, ground, moved_nodes(model, M), motors_of(model), weight, drag, lever,
+                     in_plane, honeycombs, ends)
 
 
 def _bar_of_node(model: Model) -> np.ndarray:
@@ -192,6 +221,12 @@ def _bar_of_node(model: Model) -> np.ndarray:
     for node in model.free_nodes:
         if bar_of[node] < 0:
             raise InputError(f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it")
+    for node in model.moving:
+        if not model.fixed[node]:
+            raise InputError(f"moving names the free node {model.node_names[node]!r}; fix it, or let it move by itself")
+    for node, _ in model.drag:
+        if model.fixed[node]:
+            raise InputError(f"drag names the fixed node {model.node_names[node]!r}; leave it out")
     if model.damping_law not in ("literal", "tension_only"):
         raise InputError(f"damping_law = {model.damping_law!r}: use 'literal' or 'tension_only'")
     return bar_of
@@ -200,12 +235,22 @@ def _bar_of_node(model: Model) -> np.ndarray:
 # ------------------------------------------------------------------------------------------------- one instant in time
 
 class Load(NamedTuple):
-    """Inputs of one step: force (3, n) N; rest_length (S,) m at `since` (s), moving with rest_length_rate (S,) m/s."""
+    """Inputs of one step: force (3, n) N; rest_length (S,) m at `since` (s), moving with rest_length_rate (S,) m/s (of a
+    string with an actuator: its start rest length, and 0); current (A,) A; position, velocity and acceleration (3, E) of
+    the moved nodes at `since`, m, m/s, m/s2."""
 
     since: float
     force: np.ndarray
     rest_length: np.ndarray
     rest_length_rate: np.ndarray
+    current: np.ndarray = np.zeros(0)
+    position: np.ndarray = np.zeros((3, 0))
+    velocity: np.ndarray = np.zeros((3, 0))
+    acceleration: np.ndarray = np.zeros((3, 0))
+
+
+#: Angles delta (rad) and speeds delta' (rad/s) of the actuators, (2, A), of a structure without actuators.
+NO_WINDING = np.zeros((2, 0))
 
 
 class Mode(NamedTuple):
@@ -234,44 +279,67 @@ class Strings(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Everything that follows from a state: strings, lambda (B,), ground's forces (3, n), Xdot (3, 2n)."""
+    """Everything that follows from a state: strings, lambda (B,), ground's forces (3, n), Xdot (3, 2n), delta'' (A,)."""
 
     strings: Strings
     lam: np.ndarray
     ground: np.ndarray
     Xdot: np.ndarray
+    winding: np.ndarray
 
 
-def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot) -> Strings:
+def rest_lengths(s: Structure, load: Load, t: float, winding):
+    """xi0 and its rate (S,), m, m/s: those of the inputs, and xi0(0) - r delta where an actuator winds."""
+    xi0, rate = load.rest_length + load.rest_length_rate * (t - load.since), load.rest_length_rate
+    if len(s.motors.strings):
+        wound = np.zeros((2, len(xi0)))
+        wound[:, s.motors.strings] = s.motors.radius * winding
+        xi0, rate = xi0 - wound[0], rate - wound[1]
+    return xi0, rate
+
+
+def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Strings:
     """Kinematics and tensions of all strings under the pieces that `mode` holds."""
     S, xi, xi_rate = string_motion(N, Ndot, s.C_s)
-    stretch = xi - (load.rest_length + load.rest_length_rate * (t - load.since))
-    rate = xi_rate - load.rest_length_rate
+    xi0, xi0_rate = rest_lengths(s, load, t, winding)
+    stretch = xi - xi0
+    rate = xi_rate - xi0_rate
     elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs)
     unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping)
     return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
-def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot) -> Motion:
-    """Equation 1 and its first order form at one instant."""
-    strings = strings_at(s, load, mode, t, N, Ndot)
+def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Motion:
+    """Equation 1 and its first order form, and equation 8, at one instant."""
+    strings = strings_at(s, load, mode, t, N, Ndot, winding)
     density = strings.tension / strings.xi
     B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
     inertial = s.J * diagonal(Bdot, Bdot)
-    W = load.force + s.weight
+    W = load.force + s.weight - s.drag * Ndot
     F = W - (strings.S * density) @ s.C_s
-    lam = bar_force_density(B, inertial, F, s.C_b)
-    ground = constraint_forces(B, lam, F, s.ground)
-    lam = bar_force_density(B, inertial, F + ground, s.C_b)
+    lam = bar_force_density(B, inertial, F, s.arms)
+    acceleration = load.acceleration @ s.moved.select
+    ground = constraint_forces(B, lam, F, acceleration, s.ground)
+    lam = bar_force_density(B, inertial, F + ground, s.arms)
     K = stiffness_matrix(density, lam, s.C_s, s.C_b)
-    return Motion(strings, lam, ground, first_order_form(N, Ndot, K, W + ground, s.M_inv))
+    Xdot = first_order_form(N, Ndot, K, W + ground, s.M_inv)
+    Xdot[:, N.shape[1]:] += acceleration * s.ground.anchors
+    pull = strings.tension[s.motors.strings]
+    return Motion(strings, lam, ground, Xdot, actuator.acceleration(s.motors, load.current, pull, winding[1]))
 
 
-def powers(load: Load, strings: Strings, Ndot) -> tuple[float, float, float]:
-    """Input power, dissipated power, and the sum of the absolute values of their terms (a term per node's force, per
-    string's moving rest length, and per string's damper), W."""
-    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate))
-    lost = (strings.tension - strings.elastic) * strings.rate
+def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -> tuple[float, float, float]:
+    """Input power, dissipated power, and the sum of the absolute values of their terms, W.
+
+    A term of the input per node's force, string's moving rest length, moved node's reaction, and motor's current; of the
+    loss per string's damper, node's drag, and motor's damping.
+    """
+    strings = motion.strings
+    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate,
+                             diagonal(motion.ground, Ndot)[s.moved.nodes],
+                             actuator.input_power(s.motors, load.current, winding[1])))
+    lost = np.concatenate(((strings.tension - strings.elastic) * strings.rate,
+                           (s.drag * diagonal(Ndot, Ndot))[s.drag > 0.0], actuator.lost_power(s.motors, winding[1])))
     total = np.add.reduce
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
 
@@ -281,6 +349,16 @@ def elastic_energy(s: Structure, stretch) -> float:
     k, carriers = s.model.stiffness, dict(s.honeycombs)
     return sum(honeycomb.energy(carriers[j], x, k[j]) if j in carriers else 0.5 * k[j] * max(x, 0.0) ** 2
                for j, x in enumerate(stretch.tolist()))
+
+
+def kinetic_energy(s: Structure, Ndot, winding=NO_WINDING) -> float:
+    """Kinetic energy of bars, point masses and motors, J."""
+    return 0.5 * np.trace(Ndot @ s.M @ Ndot.T) + actuator.kinetic_energy(s.motors, winding[1])
+
+
+def potential_energy(s: Structure, N) -> float:
+    """Potential energy by gravity, J."""
+    return -np.sum(s.weight * N)
 
 
 def on_constraints(s: Structure, N, Ndot):
@@ -303,9 +381,14 @@ def drift(s: Structure, N, Ndot) -> float:
 
 
 def fastest_rate(s: Structure) -> float:
-    """Upper bound on how fast the dampers slow the nodes down, 1/s: largest eigenvalue of C_s^T d C_s M^-1."""
-    damping = (s.C_s.T * s.model.damping) @ s.C_s
-    return float(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0))
+    """Upper bound on how fast dampers and drag slow nodes and motors down, 1/s: largest eigenvalue of D M^-1, with
+    D = C_s^T d C_s + drag; and d_a / J_a.  A damper between a node and a motor counts twice at both:
+    d (xi' + r delta')^2 <= 2 d xi'^2 + 2 d (r delta')^2."""
+    d, motors = s.model.damping.copy(), s.motors
+    d[motors.strings] *= 2.0
+    damping = (s.C_s.T * d) @ s.C_s + np.diag(s.drag)
+    of_motors = (motors.damping + motors.radius ** 2 * d[motors.strings]) / motors.inertia
+    return float(max(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0), of_motors.max(initial=0.0)))
 
 
 def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray) -> Mode:

@@ -337,6 +337,7 @@ def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-1
         bar_force=series["bar_force"],
         reaction=_full(model, model.fixed_nodes, series["reaction"]),
         wound_rest_length=series["wound_rest_length"],
+        wound_rest_length_rate=series["wound_rest_length_rate"],
         motor_speed=series["motor_speed"],
         snapped=snapped,
         transitions=transitions,

@@ -30,10 +30,13 @@ from .equations import (
     elastic_energy,
     fastest_rate,
     gaps,
+    kinetic_energy,
     mode_of,
     motion_at,
     on_constraints,
+    potential_energy,
     powers,
+    rest_lengths,
     string_motion,
     strings_at,
     structure,
@@ -41,6 +44,7 @@ from .equations import (
 from .errors import InputError, SimulationError
 from .inputs import Inputs
 from .model import Model
+from .moved import jumped, path
 from .result import Result, Transition
 
 
@@ -103,19 +107,23 @@ class _Due(NamedTuple):
 
 
 class _Run:
-    """One simulation.  State y: [N Ndot] of the free nodes (3, 2F), row by row; input work, dissipated, throughput."""
+    """One simulation.  State y: [N Ndot] of the free nodes (3, 2F), row by row; the actuators' angles and speeds (2, A);
+    input work, dissipated, throughput."""
 
     def __init__(self, model: Model, inputs: Inputs, rtol: float, atol: float, method: str):
         self.s = structure(model)
         self.method = METHODS[("Radau" if fastest_rate(self.s) > STIFF else "DOP853") if method == "auto" else method]
         self.inputs, self.rtol = inputs, rtol * self.method.scale
         self.free = model.free_nodes
-        n, self.moving = len(model.nodes), 6 * len(self.free)
-        self.X_fixed = np.concatenate((np.where(model.fixed, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
+        n, self.of_nodes = len(model.nodes), 6 * len(self.free)
+        self.moving = self.of_nodes + 2 * len(model.actuated)
+        rests = model.fixed & ~self.s.moved.select.any(axis=0)
+        self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
         self.select = np.eye(2 * n)[np.concatenate((self.free, n + self.free))]
         # The throughput only scales the ledger; the corners of its absolute values must not govern the step.
         of_node = np.repeat([1.0, self.method.velocity], len(self.free)) * atol * self.method.scale
-        self.atol = np.concatenate((np.tile(of_node, 3), [LEDGER_ATOL, LEDGER_ATOL, np.inf]))
+        of_motor = np.array([[1.0], [self.method.velocity]]) * atol * self.method.scale / self.s.motors.radius
+        self.atol = np.concatenate((np.tile(of_node, 3), of_motor.ravel(), [LEDGER_ATOL, LEDGER_ATOL, np.inf]))
         self.rows: list[dict] = []
         self.transitions: list[Transition] = []
         self.stats = {"evaluations": 0, "steps": 0, "restarts": 0}
@@ -125,29 +133,41 @@ class _Run:
 
     # State and right-hand side.
 
-    def unpack(self, y):
-        """N, Ndot (3, n) from y."""
-        X = self.X_fixed + y[:self.moving].reshape(3, -1) @ self.select
+    def unpack(self, t, y):
+        """N, Ndot (3, n) from y; the moved nodes are where the load has them at t."""
+        X = self.X_fixed + y[:self.of_nodes].reshape(3, -1) @ self.select
         n = X.shape[1] // 2
+        if len(self.s.moved.nodes):
+            X[:, self.s.moved.nodes], X[:, n + self.s.moved.nodes] = self.moved(t)
         return X[:, :n], X[:, n:]
 
-    def pack(self, N, Ndot, integrals):
-        """y from N, Ndot (3, n) and the three integrals."""
-        return np.concatenate((np.concatenate((N[:, self.free], Ndot[:, self.free]), axis=1).ravel(), integrals))
+    def moved(self, t):
+        """Position and velocity (3, E) of the moved nodes."""
+        load = self.load
+        return path(load.position, load.velocity, load.acceleration, t - load.since)
 
-    def projected(self, y):
+    def winding(self, y):
+        """Angles and speeds (2, A) of the actuators."""
+        return y[self.of_nodes:self.moving].reshape(2, -1)
+
+    def pack(self, N, Ndot, others):
+        """y from N, Ndot (3, n) and what else stands in it."""
+        return np.concatenate((np.concatenate((N[:, self.free], Ndot[:, self.free]), axis=1).ravel(), others))
+
+    def projected(self, t, y):
         """y with N and Ndot on the bars' constraints."""
-        return self.pack(*on_constraints(self.s, *self.unpack(y)), y[-3:])
+        return self.pack(*on_constraints(self.s, *self.unpack(t, y)), y[self.of_nodes:])
 
     def derivative(self, mode: Mode):
-        """The right-hand side ydot(t, y) under one mode: eq. 7 and the powers of the energy ledger."""
+        """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""
         load, moving = self.load, self.select.T
 
         def ydot(t, y):
             self.stats["evaluations"] += 1
-            N, Ndot = self.unpack(y)
-            motion = motion_at(self.s, load, mode, t, N, Ndot)
-            return np.concatenate(((motion.Xdot @ moving).ravel(), powers(load, motion.strings, Ndot)))
+            (N, Ndot), winding = self.unpack(t, y), self.winding(y)
+            motion = motion_at(self.s, load, mode, t, N, Ndot, winding)
+            return np.concatenate(((motion.Xdot @ moving).ravel(), winding[1], motion.winding,
+                                   powers(self.s, load, motion, Ndot, winding)))
         return ydot
 
     def jacobian(self, ydot):
@@ -163,45 +183,74 @@ class _Run:
 
     def strings(self, t, y, mode: Mode) -> Strings:
         """The strings at y."""
-        return strings_at(self.s, self.load, mode, t, *self.unpack(y))
+        return strings_at(self.s, self.load, mode, t, *self.unpack(t, y), self.winding(y))
 
     def stretch_acceleration(self, t, y, mode: Mode):
         """(S,) m/s2: second derivative of xi - xi0."""
-        N, Ndot = self.unpack(y)
+        N, Ndot = self.unpack(t, y)
         S, xi, xi_rate = string_motion(N, Ndot, self.s.C_s)
         Sdot = Ndot @ self.s.C_s.T
-        Sddot = motion_at(self.s, self.load, mode, t, N, Ndot).Xdot[:, N.shape[1]:] @ self.s.C_s.T
-        return (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate ** 2) / xi
+        motion = motion_at(self.s, self.load, mode, t, N, Ndot, self.winding(y))
+        Sddot = motion.Xdot[:, N.shape[1]:] @ self.s.C_s.T
+        found = (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate ** 2) / xi
+        found[self.s.motors.strings] += self.s.motors.radius * motion.winding
+        return found
+
+    def energy(self, t, y, mode: Mode) -> float:
+        """What inputs can change at once: the strings' energy and, with moved nodes, that of bars and point masses, J."""
+        stored = elastic_energy(self.s, self.strings(t, y, mode).stretch)
+        if len(self.s.moved.nodes):
+            N, Ndot = self.unpack(t, y)
+            stored += kinetic_energy(self.s, Ndot, self.winding(y)) + potential_energy(self.s, N)
+        return stored
 
     # Inputs.
 
     def _load(self, k: int) -> Load:
-        i = self.inputs
-        return Load(float(i.times[k]), i.force[k].T * self.s.in_plane, i.rest_length[k], i.rest_length_rate[k])
+        i, s = self.inputs, self.s
+        home = s.model.nodes[s.moved.nodes].T
+        return Load(float(i.times[k]), i.force[k].T * s.in_plane, i.rest_length[k], i.rest_length_rate[k], i.current[k],
+                    np.where(s.in_plane > 0.0, i.node_position[k].T, home), i.node_velocity[k].T * s.in_plane,
+                    i.node_acceleration[k].T * s.in_plane)
 
     def _changes(self, k: int) -> bool:
         """Whether step k's inputs are other than those of step k-1 carried on."""
         i = self.inputs
-        carried = i.rest_length[k - 1] + i.rest_length_rate[k - 1] * (i.times[k] - i.times[k - 1])
+        tau = i.times[k] - i.times[k - 1]
+        carried = i.rest_length[k - 1] + i.rest_length_rate[k - 1] * tau
+        position, velocity = path(i.node_position[k - 1], i.node_velocity[k - 1], i.node_acceleration[k - 1], tau)
         return not (np.array_equal(i.force[k], i.force[k - 1]) and np.array_equal(i.rest_length[k], carried)
-                    and np.array_equal(i.rest_length_rate[k], i.rest_length_rate[k - 1]))
+                    and np.array_equal(i.rest_length_rate[k], i.rest_length_rate[k - 1])
+                    and np.array_equal(i.current[k], i.current[k - 1]) and np.array_equal(i.node_position[k], position)
+                    and np.array_equal(i.node_velocity[k], velocity)
+                    and np.array_equal(i.node_acceleration[k], i.node_acceleration[k - 1]))
 
     def _change_inputs(self, k: int, y, mode: Mode):
-        """Take over the inputs of step k.  A jump of a rest length does work, but gives no impulse."""
+        """Take over the inputs of step k.  A jump of a rest length does work, but gives no impulse; that of a moved node's
+        velocity gives one, see `moved`."""
         t = float(self.inputs.times[k])
-        before = elastic_energy(self.s, self.strings(t, y, mode).stretch)
+        before = self.energy(t, y, mode)
+        (N, Ndot), (position, velocity) = self.unpack(t, y), self.moved(t)
         self.load = self._load(k)
-        jump = elastic_energy(self.s, self.strings(t, y, mode).stretch) - before
+        y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes:])
+        jump = self.energy(t, y, mode) - before
         settled = self._settled(t, y, mode)
         self._note(t, mode, settled)
         return y + np.concatenate((np.zeros(self.moving), [jump, 0.0, abs(jump)])), settled
+
+    def _jumped(self, N, Ndot, position, velocity, others):
+        """y after the moved nodes went, at once, from this position and velocity (3, E) to those of the present load."""
+        shift, dv = self.load.position - position, self.load.velocity - velocity
+        return self.pack(*jumped(self.s.moved, N, Ndot, shift, dv), others)
 
     # The loop.
 
     def go(self) -> None:
         """Run through all inputs."""
         times, model = self.inputs.times.tolist(), self.s.model
-        y = self.projected(self.pack(model.nodes.T, model.velocity.T, np.zeros(3)))
+        N, Ndot, moved = model.nodes.T, model.velocity.T, self.s.moved.nodes
+        others = np.zeros(self.moving - self.of_nodes + 3)
+        y = self.projected(times[0], self._jumped(N, Ndot, N[:, moved], Ndot[:, moved], others))
         slack = np.zeros(len(model.strings), dtype=int)
         mode = self._settled(times[0], y, mode_of(self.s, slack, slack > 0))
         self._record(times[0], y, mode)
@@ -255,17 +304,18 @@ class _Run:
                 return self._land(mode, t, y, due, pending)
             self._record_rows(pending, [solver.dense_output()] if self._has_row(pending, solver.t) else [],
                               solver.t, solver.y, mode)
-            deviation = drift(self.s, *self.unpack(solver.y))
+            self._require_rope(t, solver.t, solver.y)
+            deviation = drift(self.s, *self.unpack(solver.t, solver.y))
             if not deviation <= BROKEN:
                 raise self._failure(solver.t, f"a bar's length or rate has gone wrong by {deviation!r}")
             if deviation > DRIFT:
                 break
-        return solver.t, self.projected(solver.y), None
+        return solver.t, self.projected(solver.t, solver.y), None
 
     def _land(self, mode: Mode, t: float, y, due: _Due, pending: list[float]):
         """Repeat the step from t, y so that it ends at the transition: Newton steps on its instant."""
         if due.time <= t:
-            return t, self.projected(y), due
+            return t, self.projected(t, y), due
         at = due.time
         for _ in range(8):
             solver, dense = self._solver(mode, t, y, at, at - t), []
@@ -273,7 +323,7 @@ class _Run:
                 self._step(solver)
                 if self._has_row(pending, at):
                     dense.append(solver.dense_output())
-            landed = self.projected(solver.y)
+            landed = self.projected(at, solver.y)
             watch = self._watch(mode, at, landed)
             gap, rate = watch.gap[due.row, due.string], watch.rate[due.row, due.string]
             better = at - gap / rate if rate < 0.0 else at
@@ -308,6 +358,15 @@ class _Run:
     def _failure(t: float, why: str) -> SimulationError:
         return SimulationError("step_failed", f"SciPy cannot go on ({why}); look for a string whose ends meet, "
                                "or for an excessive input or parameter", float(t))
+
+    def _require_rope(self, before: float, t: float, y) -> None:
+        """Raises SimulationError where an actuator has wound all of its string; before: the last time at which it had not."""
+        strings = self.s.motors.strings
+        left = rest_lengths(self.s, self.load, t, self.winding(y))[0][strings] if len(strings) else np.ones(1)
+        if left.min() <= 0.0:
+            name = self.s.model.string_names[strings[int(np.argmin(left))]]
+            raise SimulationError("wound_up", f"the actuator of string {name!r} has wound it up completely; lower its current",
+                                  float(before))
 
     # Transitions.
 
@@ -392,18 +451,21 @@ class _Run:
         while pending and pending[-1] <= t:
             row = pending.pop()
             state = y if row == t else next(d for d in dense if row <= d.t)(row)
-            self._record(row, self.projected(state), mode)
+            self._record(row, self.projected(row, state), mode)
 
     def _record(self, t: float, y, mode: Mode) -> None:
         s, model = self.s, self.s.model
         self.steps_since_row = 0
-        N, Ndot = self.unpack(y)
-        motion = motion_at(s, self.load, mode, t, N, Ndot)
+        (N, Ndot), winding = self.unpack(t, y), self.winding(y)
+        motion = motion_at(s, self.load, mode, t, N, Ndot, winding)
         strings = motion.strings
         self.rows.append(dict(
-            position=N.T, velocity=Ndot.T, string_force=strings.tension, elastic_force=strings.elastic,
-            string_length=strings.xi, bar_force=-motion.lam * model.bar_length, reaction=motion.ground.T,
-            kinetic=0.5 * np.trace(Ndot @ s.M @ Ndot.T), potential=-np.sum(s.weight * N),
+            position=N.T, velocity=np.where(model.fixed, 0.0, Ndot).T,
+            string_force=strings.tension, elastic_force=strings.elastic, string_length=strings.xi,
+            bar_force=-motion.lam * model.bar_length, reaction=motion.ground.T,
+            wound_rest_length=rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
+            wound_rest_length_rate=-s.motors.radius * winding[1], motor_speed=winding[1],
+            kinetic=kinetic_energy(s, Ndot, winding), potential=potential_energy(s, N),
             elastic=elastic_energy(s, strings.stretch), input_work=y[-3], dissipated=y[-2], throughput=y[-1],
             snapped=[honeycomb.snapped_on_piece(nsh, mode.piece[j]) for j, nsh in s.honeycombs]))
 
@@ -443,14 +505,16 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
     rtol, atol (m): SciPy's tolerances per step, adapted to the method as METHODS says; method: 'auto' (Radau where the
     dampers make the equations stiff, else DOP853) or a name in METHODS.  With the defaults the article's three-bar
     scene under +-400 N, d = 50, 500, 5000 N s/m, is good to 1e-9 m after 5 s.
-    throughput adds up |F . v| per node, |T dxi0/dt| and |(T - f_s) d(xi - xi0)/dt| per string, and the absolute values
-    of jumps of stored energy.
-    Raises InputError for a model or inputs outside the equations' range, SimulationError where the run cannot go on.
+    throughput adds up |F . v| per node, |R . v| per moved node, |T dxi0/dt| and |(T - f_s) d(xi - xi0)/dt| per string, c v^2
+    per node with drag, |k_a i delta'| and d_a delta'^2 per actuator, and the absolute values of jumps of stored energy.
+    A start input that gives a moved node another velocity than the model's is a jump, too, but before the ledger begins.
+    Raises InputError for a model or inputs outside the equations' range, SimulationError where the run cannot go on, which
+    includes a string that its actuator has wound up ('wound_up').
     """
     if method not in ("auto", *METHODS):
         raise InputError(f"method = {method!r}: use 'auto' or one of {', '.join(METHODS)}")
     _check_inputs(model, inputs)
-    run = _Run(model, inputs, rtol, atol, method)
+    run = _Run(model, inputs.resolved(model), rtol, atol, method)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):    # every step is checked to be finite
         run.go()
     series = {name: np.array([row[name] for row in run.rows]) for name in run.rows[0]}
@@ -462,14 +526,19 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
 def _check_inputs(model: Model, inputs: Inputs) -> None:
     steps, n, strings = len(inputs.times) - 1, len(model.nodes), len(model.strings)
     shapes = {"force": (steps, n, 3), "rest_length": (steps, strings), "rest_length_rate": (steps, strings)}
+    shapes["current"] = (steps, len(model.actuated))
+    of_moved = ("node_position", "node_velocity", "node_acceleration")
+    shapes |= dict.fromkeys(of_moved, (steps, len(model.moving), 3))
     if steps < 1 or not (np.diff(inputs.times) > 0.0).all():
         raise InputError(f"times = {inputs.times!r}: give at least two increasing times")
     for name, shape in shapes.items():
         value = getattr(inputs, name)
+        if value is None:
+            continue
         if value.shape != shape:
             raise InputError(f"{name} has shape {value.shape}; this model and these times need {shape}")
         if not np.isfinite(value).all():
             raise InputError(f"{name} holds a value that is not finite; use finite numbers")
-    if (inputs.rest_length < 0.0).any():
-        least = float(inputs.rest_length.min())
+    least = float(inputs.resolved(model).rest_length.min(initial=0.0))
+    if least < 0.0:
         raise InputError(f"rest_length = {least!r} m: a rest length cannot be negative; use >= 0")

@@ -25,8 +25,9 @@ class Result:
     position, velocity: (K+1, N, 3) m, m/s; string_force (elastic and damping), elastic_force: (K+1, S) N;
     string_length: (K+1, S) m; bar_force: (K+1, B) N, tension positive, -lambda l of eq. 1 (the mean over the bar);
     reaction: (K+1, N, 3) N, zero at free nodes; kinetic, potential, elastic, dissipated, input_work, throughput: (K+1,) J;
-    wound_rest_length: (K+1, A) m, motor_speed: (K+1, A) rad/s, of the strings with an actuator;
-    snapped: (K+1, H) int, beams past their force maximum; transitions: in order of time; stats: counters of the run.
+    snapped: (K+1, H) int, beams past their force maximum; wound_rest_length, wound_rest_length_rate, motor_speed: (K+1, A) m,
+    m/s, rad/s, of the strings with an actuator; velocities are zero at fixed nodes, moved or not; transitions: in order of time; stats: counters of the
+    run.
     """
 
     times: np.ndarray
@@ -44,10 +45,16 @@ class Result:
     input_work: np.ndarray
     throughput: np.ndarray
     snapped: np.ndarray
-    wound_rest_length: np.ndarray | None = None
-    motor_speed: np.ndarray | None = None
     transitions: list[Transition] = field(default_factory=list)
     stats: dict[str, float] = field(default_factory=dict)
+    wound_rest_length: np.ndarray = None
+    wound_rest_length_rate: np.ndarray = None
+    motor_speed: np.ndarray = None
+
+    def __post_init__(self):
+        for name in ("wound_rest_length", "wound_rest_length_rate", "motor_speed"):
+            if getattr(self, name) is None:
+                setattr(self, name, np.zeros((len(self.times), 0)))
 
     def ledger_error(self) -> float:
         """Largest gap in the energy ledger over the run, relative to max(1 J, integral of the sum of |power|)."""

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
+from tensegrity_core import reference
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.fields import METHODS
 from tensegrity_core.inputs import grid, held
@@ -320,3 +321,20 @@ def test_long_calls_give_what_short_ones_give():
             kernel.step(0.4 / count)
         ends.append(kernel["position"].copy())
     np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+def test_kernel_agrees_with_the_reference(law):
+    model = built(LABORATORY, damping_law=law)
+    inputs = drive(model, 0.4)
+    expected, found = reference.simulate(model, inputs), simulate(model, inputs)
+    for name in ("position", "string_length", "wound_rest_length"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
+    for name in ("velocity", "motor_speed", "wound_rest_length_rate", "kinetic", "potential", "elastic", "dissipated", "input_work"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-7, err_msg=name)
+    for name in ("string_force", "elastic_force", "bar_force", "reaction"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-4, err_msg=name)
+    kinds = [[(t.string, t.before, t.after) for t in run.transitions] for run in (expected, found)]
+    assert kinds[0] == kinds[1] and len(kinds[0]) > 3
+    times = [[t.time for t in run.transitions] for run in (expected, found)]
+    np.testing.assert_allclose(*times, atol=1e-8)
