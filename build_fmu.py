@@ -7,6 +7,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from fmu_src.actuator import detached
 from fmu_src.cross_check import write_cross_check
 from fmu_src.native_fmu import cross_compiled, here, pack_native_fmu
 from fmu_src.pack import fmi_platform, pack_python_fmu
@@ -33,6 +34,8 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--simple-types", action="store_true", help=simple)
     parser.add_argument("--cross-check", type=Path, metavar="DIR", help="write cross-check bundles of native FMUs, too")
     parser.add_argument("--output", type=Path, default=Path("dist"), metavar="DIR", help="default: dist")
+    apart = "actuators as FMUs of their own, STRING_actuator, beside a structure without them"
+    parser.add_argument("--detach-actuators", action="store_true", help=apart)
     namings = ("structured", "flat")
     parser.add_argument("--naming", choices=namings, default="structured", help="n4.force.x or n4_force_x")
     parser.add_argument("--no-validate", dest="validate", action="store_false", help="only build")
@@ -74,8 +77,12 @@ def main(words: list[str] | None = None) -> int:
         for runtime in runtimes:
             CHECKS[runtime]()
         models = unique([load_scene(scene) for scene in options.scenes])
+        apart = take_apart(models) if options.detach_actuators else {}
         for name in options.platforms:
             cross_compiled(name, say=partial(print, flush=True))
+        for name, model in apart.items():
+            for runtime in runtimes:
+                print(f"wrote {pack(model, runtime, options)}", flush=True)
         for name, model in models.items():
             for runtime in runtimes:
                 built[name, runtime] = pack(model, runtime, options)
@@ -112,6 +119,17 @@ def unique(scenes: list[Scene]) -> dict[str, Model]:
         if scene.name in found:
             raise TensegrityError(f"two scenes have the name {scene.name!r}; give one of them another `name`")
         found[scene.name] = build_model(scene)
+    return found
+
+
+def take_apart(models: dict[str, Model]) -> dict[str, Model]:
+    """Takes the actuators out of the models, in place; returns theirs by name.  Raises TensegrityError where there are none."""
+    found: dict[str, Model] = {}
+    for name, model in models.items():
+        if not model.actuated:
+            raise TensegrityError(f"--detach-actuators: {name} has no actuator; give one of its strings one, or leave the option out")
+        models[name], actuators = detached(model)
+        found |= {actuator.name: actuator for actuator in actuators.values()}
     return found
 
 

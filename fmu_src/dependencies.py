@@ -31,6 +31,8 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     for g, node in enumerate(model.fixed_nodes):
         for axis in range(axes):
             out[table.at("reaction", g * axes + axis)] = table.reaction(int(node), axis)
+    for a, s in enumerate(model.actuated):
+        out[table.at("wound_rest_length", a)] = {table.at("rest_length", s)}
     everything = [table.elastic(s) for s in range(len(model.strings))]
     out[table.at("elastic", 0)] = set().union(*everything)
     out[table.at("potential", 0)] = table.weights() | table.all("node_position")

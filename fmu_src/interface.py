@@ -127,38 +127,42 @@ class Variable:
 def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     """All variables in order of their value references.  naming: 'structured' (n4.force.x) or 'flat' (n4_force_x).
 
+    A model may have an attribute `shown`: field -> name and role of the only variables.
+
     Raises ValueError where two variables would get the same name.
     """
     start = Kernel(model)
-    known = initial_dependencies(model)
+    known, shown = initial_dependencies(model), getattr(model, "shown", None)
     rows, reference = [], 0
     for fields, starts in ((FIELDS, start.values), (INTEGER_FIELDS, start.integers)):
         offset = reference
         for field in fields:
             for component in _components(field, model):
                 value = starts[reference - offset].item() if field.role != "output" else None
-                if not _hidden(field, component, model):
-                    rows.append(_variable(field, component, reference, value, model, known, naming))
+                name, role = (NAMES[field.name], field.role) if shown is None else shown.get(field.name, ("", ""))
+                if name and (shown is not None or not _wound(field, component, model)):
+                    rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
                 reference += 1
     _require_unique(rows)
-    return tuple(rows)
+    visible = {row.reference for row in rows}
+    return tuple(replace(row, known=tuple(sorted(visible.intersection(row.known)))) for row in rows)
 
 
-def _hidden(field: Field, component: dict, model: Model) -> bool:
-    """A string with an actuator has its rest length as an output."""
+def _wound(field: Field, component: dict, model: Model) -> bool:
+    """The input of a rest length that is an output, because an actuator winds the string."""
     if field.name not in ("rest_length", "rest_length_rate"):
         return False
     return model.actuator[model.string_names.index(component["S"])] is not None
 
 
-def _variable(field, component, reference, start, model, known, naming) -> Variable:
-    name = NAMES[field.name].format(**component)
-    causality, variability, initial = ROLES[field.role]
+def _variable(field, name, role, component, reference, start, model, known, naming) -> Variable:
+    name = name.format(**component)
+    causality, variability, initial = ROLES[role]
     low, high = _limits(field, component, model)
     kind = "Real"
     if field in INTEGER_FIELDS:
         kind = "Enumeration" if field.name == "method" else "Integer"
-        variability = "discrete" if field.role == "output" else variability
+        variability = "discrete" if role == "output" else variability
     return Variable(
         name=flat(name) if naming == "flat" else name,
         reference=reference,
@@ -173,7 +177,7 @@ def _variable(field, component, reference, start, model, known, naming) -> Varia
         nominal=_nominal(field, start, model) if kind == "Real" else None,
         description=_description(field, component),
         field=field.name,
-        known=tuple(sorted(known.get(reference, ()))),
+        known=tuple(known.get(reference, ())),
     )
 
 

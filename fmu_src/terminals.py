@@ -25,11 +25,11 @@ def terminals(model: Model, table: tuple[Variable, ...]) -> bytes:
     listed = XML.SubElement(root, "Terminals")
     kinds = dict.fromkeys(model.node_names, "node") | dict.fromkeys(model.string_names, "string")
     found = {name: [] for name in kinds}
-    for row, structured in zip(table, variables(model), strict=True):
+    for row, structured in zip(table, variables(model), strict=True):  # names of the second are structured
         component, _, member = structured.name.partition(".")
         if component in kinds and row.field in MEMBERS[kinds[component]]:
             found[component].append((member, row.name))
-    for name, members in found.items():
+    for name, members in ((name, members) for name, members in found.items() if members):
         what = {"terminalKind": kinds[name], "description": f"{kinds[name]} {name}"}
         terminal = XML.SubElement(listed, "Terminal", name=name, matchingRule="plug", attrib=what)
         for member, variable in members:

@@ -71,7 +71,7 @@ class Model:
         velocity: (N, 3) start velocities, m/s (zero in scenes).
         element: per string its force law where it is neither a spring nor an NSH, else None.
         damper: per string its damping law where it is not linear, else None.
-        actuator: per string its actuator, or None; current: (A,) A, their start currents.
+        actuator: per string its actuator, or None; current: (A,) A, drum_load: (A,) N, their start values.
         point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order.
         drag: (node, N.s/m) of the nodes with viscous drag, in node order.
         moving: fixed nodes whose motion is an input, in node order.
@@ -100,6 +100,7 @@ class Model:
     damper: tuple[Damper | None, ...] = ()
     actuator: tuple[Actuator | None, ...] = ()
     current: np.ndarray = ()
+    drum_load: np.ndarray = ()
     point_mass: tuple[tuple[int, float], ...] = ()
     drag: tuple[tuple[int, float], ...] = ()
     moving: tuple[int, ...] = ()
@@ -110,9 +111,10 @@ class Model:
         for name in ("element", "damper", "actuator"):
             if not getattr(self, name):
                 object.__setattr__(self, name, (None,) * len(self.strings))
-        if not len(self.current):
-            object.__setattr__(self, "current", np.zeros(len(self.actuated)))
-        for name in ("nodes", "bar_mass", "stiffness", "damping", "rest_length", "nominal", "velocity", "current"):
+        for name in ("current", "drum_load"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(len(self.actuated)))
+        for name in ("nodes", "bar_mass", "stiffness", "damping", "rest_length", "nominal", "velocity", "current", "drum_load"):
             self._freeze(name, float)
         for name in ("bars", "strings"):
             self._freeze(name, np.int64, (-1, 2))
@@ -202,7 +204,7 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "stiffness": model.stiffness,
         "damping": model.damping,
         "current": model.current,
-        "drum_load": np.zeros(len(motors)),
+        "drum_load": model.drum_load,
         "node_position": model.nodes[moving][:, axes].ravel(),
         "node_velocity": model.velocity[moving][:, axes].ravel(),
         "node_acceleration": np.zeros(len(moving) * len(axes)),
