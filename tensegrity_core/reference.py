@@ -116,7 +116,7 @@ class _Run:
         self.inputs, self.rtol = inputs, rtol * self.method.scale
         self.free = model.free_nodes
         n, self.of_nodes = len(model.nodes), 6 * len(self.free)
-        self.moving = self.of_nodes + 2 * len(model.actuated)
+        self.moving = self.of_nodes + 2 * len(model.actuated)    # the integrals follow
         rests = model.fixed & ~self.s.moved.select.any(axis=0)
         self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
         self.select = np.eye(2 * n)[np.concatenate((self.free, n + self.free))]
@@ -461,7 +461,8 @@ class _Run:
         strings = motion.strings
         self.rows.append(dict(
             position=N.T, velocity=np.where(model.fixed, 0.0, Ndot).T,
-            string_force=strings.tension, elastic_force=strings.elastic, string_length=strings.xi, bar_force=-motion.lam * model.bar_length, reaction=motion.ground.T,
+            string_force=strings.tension, elastic_force=strings.elastic, string_length=strings.xi,
+            bar_force=-motion.lam * model.bar_length, reaction=motion.ground.T,
             wound_rest_length=rest_lengths(s, self.load, t, winding)[0][s.motors.strings], motor_speed=winding[1],
             kinetic=kinetic_energy(s, Ndot, winding), potential=potential_energy(s, N),
             elastic=elastic_energy(s, strings.stretch), input_work=y[-3], dissipated=y[-2], throughput=y[-1],

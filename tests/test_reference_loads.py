@@ -512,6 +512,26 @@ def test_motor_and_bar_swing_against_each_other():
     assert not result.transitions
 
 
+@pytest.mark.parametrize("current, taut", [(0.5, 1), (-0.5, 0)])
+def test_string_at_its_rest_length_follows_the_motor(current, taut):
+    """Neither stretched nor moving: it is taut at once if the motor winds in, and slack if it pays out."""
+    result = run(winch(1.0), grid(0.1, 0.05), current=lambda t: [current])
+    assert not result.transitions
+    assert (result.string_force[-1, 0] > 0.0) == bool(taut)
+
+
+@pytest.mark.parametrize("pull", [-1.0, 1.0])
+def test_string_at_its_rest_length_follows_the_moved_anchor(pull):
+    model = build([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [0], [(1, 2)], [(0, 1)], gravity=0.0, rest=[1.0])
+    model = replace(model, moving=(0,))
+    inputs = held(model, grid(0.02, 0.01))
+    acceleration = np.array(inputs.node_acceleration)
+    acceleration[0, 0, 0] = pull
+    result = reference.simulate(model, replace(inputs, node_acceleration=acceleration))
+    assert not [transition for transition in result.transitions if transition.time < 0.01]
+    assert (result.string_force[1, 0] > 0.0) == (pull < 0.0)
+
+
 def test_a_string_that_is_wound_up_ends_the_run():
     model = winch(0.95, current=100.0)
     with pytest.raises(SimulationError, match="actuator of string 's1' has wound it up completely") as caught:
