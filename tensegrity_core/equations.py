@@ -96,8 +96,8 @@ def stiffness_matrix(density, lam, C_s, C_b):
 
 
 def constraint_forces(B, lam, F, acceleration, g: "Ground"):
-    """F_c (3, n) N of eq. 1: forces of the ground that leave the fixed nodes with the acceleration (3, n) of their inputs,
-    which is zero unless they are moved.
+    """F_c (3, n) N of eq. 1: forces of the ground that leave the fixed nodes with the acceleration (3, n) of their inputs
+    (None: zero, no node is moved).
 
     lam, F: lambda and nodal forces without the ground's; they leave too large an acceleration by a at a fixed node g.
     Through W and through lambda, a force c there changes it by A c, A = p I - q b b^T / l^2, where b is the node's bar,
@@ -105,10 +105,13 @@ def constraint_forces(B, lam, F, acceleration, g: "Ground"):
     (Sherman and Morrison's formula).  Class 1: no other node's c enters.
     At an anchor, a fixed node without a bar, the ground balances the strings and moves the point mass.
     """
-    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv - acceleration @ g.pins.T
+    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv
+    if acceleration is not None:
+        a = a - acceleration @ g.pins.T
+        F = F - acceleration * g.anchor_mass
     b = B @ g.bars
     c = -(a + b * (g.ratio * diagonal(b, a) / diagonal(b, b))) / g.p
-    return c @ g.pins + (acceleration * g.anchor_mass - F * g.anchors)
+    return c @ g.pins - F * g.anchors
 
 
 def first_order_form(N, Ndot, K, W, M_inv):
@@ -148,8 +151,8 @@ class Ground(NamedTuple):
 class Structure:
     """A model's constant matrices, in the article's notation.
 
-    J (B,), arms (B, n): see `centred`; weight (3, n): gravity at the nodes, N; drag (n,): N s/m;
-    lever (B, n): how a bar's nodes move when its vector changes about its centre of mass or pin;
+    J (B,), arms (B, n): see `centred`; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other than 0 at the nodes
+    `dragged`; lever (B, n): how a bar's nodes move when its vector changes about its centre of mass or pin;
     in_plane (3, 1): 1 on the axes that the scene uses;
     honeycombs: (string, NSH) of the strings that have one;
     breakpoints: per string the ends of its pieces, m.
@@ -167,6 +170,7 @@ class Structure:
     motors: Motors
     weight: np.ndarray
     drag: np.ndarray
+    dragged: np.ndarray
     lever: np.ndarray
     in_plane: np.ndarray
     honeycombs: tuple
@@ -204,8 +208,8 @@ def structure(model: Model) -> Structure:
     weight = model.g[:, None] * (model.bar_mass @ C_r + m_p)
     honeycombs = tuple((j, nsh) for j, nsh in enumerate(model.nsh) if nsh is not None)
     ends = tuple((0.0,) if nsh is None else tuple(honeycomb.breakpoints(nsh).tolist()) for nsh in model.nsh)
-    return Structure(model, C_s, C_b, J, arms, M, M_inv, ground, moved_nodes(model, M), motors_of(model), weight, drag, lever,
-                     in_plane, honeycombs, ends)
+    return Structure(model, C_s, C_b, J, arms, M, M_inv, ground, moved_nodes(model, M), motors_of(model), weight, drag,
+                     np.flatnonzero(drag), lever, in_plane, honeycombs, ends)
 
 
 def _bar_of_node(model: Model) -> np.ndarray:
@@ -315,17 +319,26 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
     density = strings.tension / strings.xi
     B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
     inertial = s.J * diagonal(Bdot, Bdot)
-    W = load.force + s.weight - s.drag * Ndot
+    W = load.force + s.weight
+    if len(s.dragged):
+        W = W - s.drag * Ndot
     F = W - (strings.S * density) @ s.C_s
     lam = bar_force_density(B, inertial, F, s.arms)
-    acceleration = load.acceleration @ s.moved.select
+    acceleration = load.acceleration @ s.moved.select if len(s.moved.nodes) else None
     ground = constraint_forces(B, lam, F, acceleration, s.ground)
     lam = bar_force_density(B, inertial, F + ground, s.arms)
     K = stiffness_matrix(density, lam, s.C_s, s.C_b)
     Xdot = first_order_form(N, Ndot, K, W + ground, s.M_inv)
-    Xdot[:, N.shape[1]:] += acceleration * s.ground.anchors
-    pull = strings.tension[s.motors.strings]
-    return Motion(strings, lam, ground, Xdot, actuator.acceleration(s.motors, load.current, pull, winding[1]))
+    if acceleration is not None:
+        Xdot[:, N.shape[1]:] += acceleration * s.ground.anchors
+    return Motion(strings, lam, ground, Xdot, motor_acceleration(s, load, strings, winding))
+
+
+def motor_acceleration(s: Structure, load: Load, strings: Strings, winding):
+    """delta'' (A,) of eq. 8 under the tensions of the strings."""
+    if not len(s.motors.strings):
+        return winding[1]
+    return actuator.acceleration(s.motors, load.current, strings.tension[s.motors.strings], winding[1])
 
 
 def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -> tuple[float, float, float]:
@@ -335,11 +348,15 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
     loss per string's damper, node's drag, and motor's damping.
     """
     strings = motion.strings
-    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate,
-                             diagonal(motion.ground, Ndot)[s.moved.nodes],
-                             actuator.input_power(s.motors, load.current, winding[1])))
-    lost = np.concatenate(((strings.tension - strings.elastic) * strings.rate,
-                           (s.drag * diagonal(Ndot, Ndot))[s.drag > 0.0], actuator.lost_power(s.motors, winding[1])))
+    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate))
+    lost = (strings.tension - strings.elastic) * strings.rate
+    if len(s.moved.nodes):
+        put_in = np.concatenate((put_in, diagonal(motion.ground, Ndot)[s.moved.nodes]))
+    if len(s.dragged):
+        lost = np.concatenate((lost, (s.drag * diagonal(Ndot, Ndot))[s.dragged]))
+    if len(s.motors.strings):
+        put_in = np.concatenate((put_in, actuator.input_power(s.motors, load.current, winding[1])))
+        lost = np.concatenate((lost, actuator.lost_power(s.motors, winding[1])))
     total = np.add.reduce
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
 

@@ -116,7 +116,7 @@ class _Run:
         self.inputs, self.rtol = inputs, rtol * self.method.scale
         self.free = model.free_nodes
         n, self.of_nodes = len(model.nodes), 6 * len(self.free)
-        self.moving = self.of_nodes + 2 * len(model.actuated)
+        self.moving = self.of_nodes + 2 * len(model.actuated)    # the integrals follow
         rests = model.fixed & ~self.s.moved.select.any(axis=0)
         self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
         self.select = np.eye(2 * n)[np.concatenate((self.free, n + self.free))]

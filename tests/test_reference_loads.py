@@ -512,6 +512,26 @@ def test_motor_and_bar_swing_against_each_other():
     assert not result.transitions
 
 
+@pytest.mark.parametrize("current, taut", [(0.5, 1), (-0.5, 0)])
+def test_string_at_its_rest_length_follows_the_motor(current, taut):
+    """Neither stretched nor moving: it is taut at once if the motor winds in, and slack if it pays out."""
+    result = run(winch(1.0), grid(0.1, 0.05), current=lambda t: [current])
+    assert not result.transitions
+    assert (result.string_force[-1, 0] > 0.0) == bool(taut)
+
+
+@pytest.mark.parametrize("pull", [-1.0, 1.0])
+def test_string_at_its_rest_length_follows_the_moved_anchor(pull):
+    model = build([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [0], [(1, 2)], [(0, 1)], gravity=0.0, rest=[1.0])
+    model = replace(model, moving=(0,))
+    inputs = held(model, grid(0.02, 0.01))
+    acceleration = np.array(inputs.node_acceleration)
+    acceleration[0, 0, 0] = pull
+    result = reference.simulate(model, replace(inputs, node_acceleration=acceleration))
+    assert not [transition for transition in result.transitions if transition.time < 0.01]
+    assert (result.string_force[1, 0] > 0.0) == (pull < 0.0)
+
+
 def test_a_string_that_is_wound_up_ends_the_run():
     model = winch(0.95, current=100.0)
     with pytest.raises(SimulationError, match="actuator of string 's1' has wound it up completely") as caught:
@@ -555,6 +575,27 @@ def test_everything_at_once(law):
     assert [(t.string, t.after) for t in implicit.transitions] == [(t.string, t.after) for t in explicit.transitions]
 
 
+def test_fastest_rate_is_a_bound():
+    """On the decay of velocities and motor speeds, from differences; strings taut, strong dampers between nodes and motors."""
+    model, _ = everything()
+    motors = {1: Actuator(0.05, 0.2, 0.5, 0.05), 4: Actuator(0.002, 1.0, 2.0, 0.3)}
+    model = replace(model, actuator=tuple(motors.get(i) for i in range(7)), damping=np.full(7, 500.0))
+    s, free = equations.structure(model), model.free_nodes
+    load = equations.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), np.zeros(2), *np.zeros((3, 3, 3)))
+    mode, count = taut_mode(s, np.ones(7)), 3 * len(free)
+
+    def accelerations(rates):
+        Ndot = np.zeros((3, 7))
+        Ndot[:, free] = rates[:count].reshape(3, -1)
+        motion = equations.motion_at(s, load, mode, 0.0, model.nodes.T, Ndot, np.stack([np.zeros(2), rates[count:]]))
+        return np.concatenate((motion.Xdot[:, 7:][:, free].ravel(), motion.winding))
+
+    at_rest = accelerations(np.zeros(count + 2))
+    slowing = np.array([accelerations(1e-4 * e) - at_rest for e in np.eye(count + 2)]).T / 1e-4
+    fastest = np.abs(np.linalg.eigvals(slowing)).max()
+    assert fastest > 2e4 and 1.0 <= equations.fastest_rate(s) / fastest < 2.5
+
+
 def test_scene_with_actuators_stands_still_under_its_start_currents():
     model = build_model(parse_scene(tomllib.loads(CRANE)))
     result = reference.simulate(model, held(model, grid(0.3, 0.1)), **TIGHT)
@@ -566,7 +607,7 @@ def test_scene_with_actuators_stands_still_under_its_start_currents():
 
 def test_planar_scene_ignores_inputs_across_its_plane():
     model = replace(scene("two_bar"), moving=(0,), gravity=(1.0, 0.0, -9.0))
-    inputs = held(model, grid(0.1, 0.05), motion=lambda t: ([[0.1 * t, t, 0.0]], [[0.1, 1.0, 0.0]]))
+    inputs = held(model, grid(0.1, 0.05), motion=lambda t: ([[0.1 * t, 0.3 + t, 0.0]], [[0.1, 1.0, 0.0]]))
     result = reference.simulate(model, inputs)
     assert not result.position[:, :, 1].any() and result.position[-1, 0, 0] == pytest.approx(0.01)
     assert not result.reaction[:, :, 1].any() and result.ledger_error() < 1e-9
