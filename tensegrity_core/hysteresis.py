@@ -130,15 +130,34 @@ def follow(branch: "Branch", x: float) -> tuple["Branch", list[Event]]:
     return branch, events
 
 
+def elongation(element: Series, k: float, force: float) -> float:
+    """Smallest elongation at which an element stretched from slack bears the force (N), m.  k: the string's own stiffness.
+
+    Raises InputError for a negative force and for one that the element never bears.
+    """
+    if not (math.isfinite(force) and force >= 0.0):
+        raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
+    branch, passed = start(element, k), 0
+    while force > 0.0:
+        branch, passed = branch.above()[0], passed + 1
+        if branch.lead is None and branch.low <= force <= branch.high:
+            return branch.elongation(force)
+        if branch.upper == math.inf or passed > MAX_EVENTS:
+            raise InputError(f"force = {force!r} N: the element never bears it; use a smaller force")
+    return 0.0
+
+
 class Branch:
     """A stable branch; frozen, and equal only to itself (a memory makes each once).
 
     at: the stretch of each part (one past the last: at its stop); lead: the part that does not rise, or None;
-    folds: whether the lower and the upper end are folds; loosens: whether T falls to 0 on it; lower, upper: elongations at
-    its ends, m; taut: False if slack.
+    folds: whether the lower and the upper end are folds; low, high: N, forces between which the parts' stretches overlap;
+    loosens: whether T falls to 0 on it; lower, upper: elongations at its ends, m; taut: False if slack.
     """
 
-    def __init__(self, memory: Memory, at: tuple[int, ...], number: int, lead: int | None, chains, folds, loosens: bool):
+    def __init__(self, memory: Memory, at: tuple[int, ...], number: int, lead: int | None, chains, folds, loosens: bool,
+                 low: float = 0.0, high: float = 0.0):
+        self.low, self.high = low, high
         self.memory, self.at, self.number, self.lead = memory, at, number, lead
         self.taut = bool(chains)
         self.folds, self.loosens = folds or (False, False), loosens
@@ -179,6 +198,11 @@ class Branch:
         """Beams, polynomials and tables past their force maximum."""
         stretches = [part.stretches for part in self.memory.parts]
         return sum(s[min(n, len(s) - 1)].snapped for s, n in zip(stretches, self.at))
+
+    def elongation(self, force: float) -> float:
+        """Where a branch on which every part rises bears a force between `low` and `high` (N), m."""
+        stretches, held = self.curve.chains[0].stretches, self.curve.chains[0].held
+        return math.fsum((held, *(one.inverse(force) for one in stretches)))
 
     def above(self) -> tuple["Branch", float]:
         """The branch that follows the upper end while x increases, and the energy lost in changing to it, J."""
@@ -221,13 +245,13 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     if len(leads) > 1 or low > high * (1.0 + TIE) or not leads and low >= high:
         return ()
     if not leads:
-        return (Branch(m, at, 0, None, rise(moving, low, high, held, base), (), low == 0.0),)
+        return (Branch(m, at, 0, None, rise(moving, low, high, held, base), (), low == 0.0, low, high),)
     lead = leads[0]
     place, ahead = moving.index(on[lead]), on[lead]
     ends = (ahead.start, ahead.end) if ahead.sign == 0 else (ahead.inverse(high), ahead.inverse(low))
     whole = Chain(moving, place, *ends, held, base)
     return tuple(Branch(m, at, number, lead, [Chain(moving, place, a, b, held, base)], folds,
-                        low == 0.0 and b == whole.end)
+                        low == 0.0 and b == whole.end, low, high)
                  for number, (a, b, folds) in enumerate(_increasing(whole)))
 
 

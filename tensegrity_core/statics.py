@@ -21,8 +21,10 @@ import numpy as np
 import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 
+from . import hysteresis
+from . import laws
 from . import nsh as nsh_law
-from .errors import TensegrityError
+from .errors import InputError, TensegrityError
 from .model import NSH, Model
 
 if TYPE_CHECKING:
@@ -54,32 +56,63 @@ def loads(model: Model, force=None) -> np.ndarray:
     return load + model.node_mass[:, None] * model.g
 
 
-def string_tension(model: Model, length: np.ndarray) -> np.ndarray:
-    """(S,) N: elastic tension of every string at these lengths (S,), m; a slack string carries nothing."""
+#: Per string with memory the branch that it is on.
+Branches = dict[int, hysteresis.Branch]
+
+
+def string_tension(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
+    """(S,) N: elastic tension of every string at these lengths (S,), m; a slack string carries nothing.
+
+    branches: where strings with memory come from, on a continuous way; without, they are stretched from slack.
+    """
     stretch = _stretch(model, length)
-    return _with_nsh(model, model.stiffness * stretch, nsh_law.force, stretch)
+    return _with_laws(model, model.stiffness * stretch, "force", stretch, branches)
 
 
-def string_stiffness(model: Model, length: np.ndarray) -> np.ndarray:
+def string_stiffness(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) N/m: derivative of the elastic tension by the length; 0 for a slack string."""
     stretch = _stretch(model, length)
-    return _with_nsh(model, np.where(stretch > 0.0, model.stiffness, 0.0), nsh_law.stiffness, stretch)
+    return _with_laws(model, np.where(stretch > 0.0, model.stiffness, 0.0), "stiffness", stretch, branches)
 
 
-def string_energy(model: Model, length: np.ndarray) -> np.ndarray:
+def string_energy(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) J: energy stored in every string at these lengths (S,), m."""
     stretch = _stretch(model, length)
-    return _with_nsh(model, 0.5 * model.stiffness * stretch**2, nsh_law.energy, stretch)
+    return _with_laws(model, 0.5 * model.stiffness * stretch**2, "energy", stretch, branches)
+
+
+def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
+    """The branches of the strings with memory at these lengths (S,), m; for `branches` see `string_tension`."""
+    stretch, memories = _stretch(model, length), laws.memories(model)
+    before = branches or {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in memories.items()}
+    return {i: hysteresis.follow(before[i], float(stretch[i]))[0] for i in memories}
+
+
+def string_elongation(model: Model, i: int, force: float) -> float:
+    """Smallest elongation at which string i bears the force (N), m, stretched from slack."""
+    k = float(model.stiffness[i])
+    if i in laws.memories(model):
+        return hysteresis.elongation(laws.memories(model)[i], k, force)
+    if i in laws.general(model):
+        return laws.law(laws.general(model)[i]).elongation(force, k)
+    return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
 
 
 def _stretch(model: Model, length: np.ndarray) -> np.ndarray:
     return np.maximum(length - model.rest_length, 0.0)
 
 
-def _with_nsh(model: Model, linear: np.ndarray, law, stretch: np.ndarray) -> np.ndarray:
-    """The linear strings' values, with those of the NSH strings put in from `law`."""
+def _with_laws(model: Model, linear: np.ndarray, what: str, stretch: np.ndarray, branches: Branches | None) -> np.ndarray:
+    """The linear strings' values, with `what` (force, stiffness or energy) of all others put in."""
+    general, memories = laws.general(model), laws.memories(model)
     for i in model.nsh_strings:
-        linear[i] = law(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+        if i not in general and i not in memories:
+            linear[i] = getattr(nsh_law, what)(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+    for i, element in general.items():
+        linear[i] = getattr(laws.law(element), what)(float(stretch[i]), float(model.stiffness[i]))
+    if memories:
+        for i, branch in string_branches(model, stretch + model.rest_length, branches).items():
+            linear[i] = getattr(branch, what)(float(stretch[i]))
     return linear
 
 
@@ -247,6 +280,7 @@ def build_model(scene: Scene) -> Model:
     Raises SceneError where the prestress is undetermined, a string would have to push, a rest length would be
     negative, or no equilibrium exists.
     """
+    _require_laws(scene)
     model = _at_given_coordinates(scene)
     tension = _prestress(scene, model)
     model = replace(model, rest_length=_rest_lengths(scene, model, tension))
@@ -261,11 +295,47 @@ def build_model(scene: Scene) -> Model:
     return model
 
 
+def _require_laws(scene: Scene) -> None:
+    """Work out every element, of a string or not, and every damper; raise SceneError for one that has no force law."""
+    for name, entry in scene.elements.items():
+        try:
+            laws.part_law(scene.element(name)) if entry.law != "hysteretic" else hysteresis.start(scene.element(name), 1.0)
+        except InputError as failure:
+            raise scene.error(f"elements.{name}", *_two_parts(failure)) from None
+    for name in scene.dampers:
+        try:
+            laws.damping(scene.damper(name))
+        except InputError as failure:
+            raise scene.error(f"dampers.{name}", *_two_parts(failure)) from None
+    for name, string in scene.strings.items():
+        try:
+            if string.element is not None and scene.elements[string.element].law != "hysteretic":
+                laws.law(scene.element(string.element))
+        except InputError as failure:
+            raise scene.error(f"strings.{name}.element", *_two_parts(failure)) from None
+
+
+def _two_parts(failure: InputError) -> tuple[str, str]:
+    """Problem and remedy of an error about a law, whose message has them on the two sides of a semicolon."""
+    problem, _, remedy = str(failure).rpartition("; ")
+    return problem, f"{remedy[:1].upper()}{remedy[1:]}."
+
+
+def _stiffness(scene: Scene, string: str) -> float:
+    """k of a string, N/m; where nothing uses one, that of its element as it begins to stretch."""
+    given = scene.stiffness(string)
+    if given is not None:
+        return given
+    return laws.law(scene.element(scene.strings[string].element)).stiffness(1e-300) or 1.0
+
+
 def _at_given_coordinates(scene: Scene) -> Model:
     index = {name: i for i, name in enumerate(scene.nodes)}
     nodes = np.array([scene.position(name) for name in scene.nodes])
     fixed = set(scene.fixed)
-    honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h) for name, entry in scene.nsh.items()}
+    honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h, entry.law) for name, entry in scene.nsh.items()}
+    elements = {name: scene.element(name) for name in scene.elements}
+    dampers = {name: scene.damper(name) for name in scene.dampers}
     return Model(
         name=scene.name,
         description=scene.description,
@@ -278,10 +348,12 @@ def _at_given_coordinates(scene: Scene) -> Model:
         bars=[[index[node] for node in bar.nodes] for bar in scene.bars.values()],
         bar_mass=[bar.mass for bar in scene.bars.values()],
         strings=[[index[node] for node in string.nodes] for string in scene.strings.values()],
-        stiffness=[scene.stiffness(name) for name in scene.strings],
+        stiffness=[_stiffness(scene, name) for name in scene.strings],
         damping=[scene.damping(name) for name in scene.strings],
         rest_length=np.zeros(len(scene.strings)),
         nsh=tuple(honeycombs.get(string.nsh) for string in scene.strings.values()),
+        element=tuple(elements.get(string.element) for string in scene.strings.values()),
+        damper=tuple(dampers.get(string.damper) for string in scene.strings.values()),
         damping_law=scene.damping_law,
         gravity=scene.gravity,
         nominal=nodes,
@@ -348,9 +420,12 @@ def _rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray
         if name in scene.prestress.rest_length:
             rest_length[i] = scene.prestress.rest_length[name]
             continue
-        k, law = float(model.stiffness[i]), model.nsh[i]
         pull = float(tension[i])
-        stretch = pull / k if law is None else nsh_law.elongation(law, pull, k)
+        try:
+            stretch = string_elongation(model, i, pull)
+        except InputError as failure:
+            key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
+            raise scene.error(key, *_two_parts(failure)) from None
         rest_length[i] = length[i] - stretch
         if rest_length[i] < 0.0:
             key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
