@@ -25,7 +25,6 @@ from . import nsh as honeycomb
 from .curves import TIE, BeamCurve, HeldCurve, PolynomialCurve, RiseCurve, Stretch, SumCurve, monotone, rise, stretch
 from .elements import Beam, Damper, Element, Parallel, Polynomial, Series, Spring, Table
 from .errors import InputError
-from .model import NSH, Model
 
 #: A force this far below 0, as part of the largest force nearby, is round-off.
 ROUND_OFF = 1e-12
@@ -122,39 +121,6 @@ def part_law(element: Element) -> Law:
         raise InputError(f"law = {element.law!r}: a series with memory is the outermost element of a string, not a part; "
                          "use 'single_valued'")
     return _MAKERS[type(element)](element)
-
-
-def of_nsh(nsh: NSH) -> Series:
-    """An NSH as an element."""
-    return Series(tuple(Beam(*beam) for beam in zip(nsh.Q, nsh.zeta, nsh.h)), nsh.law)
-
-
-def general(model: Model) -> dict[int, Element]:
-    """The force laws without memory of a model's strings by number, where they are neither linear nor those of `nsh`."""
-    elements = {i: element for i, element in enumerate(_elements(model)) if element is not None}
-    return {i: element for i, element in elements.items() if not _remembers(element)}
-
-
-def memories(model: Model) -> dict[int, Series]:
-    """The force laws with memory of a model's strings, by number."""
-    return {i: element for i, element in enumerate(_elements(model)) if element is not None and _remembers(element)}
-
-
-def _remembers(element: Element) -> bool:
-    return isinstance(element, Series) and element.law == "hysteretic"
-
-
-@lru_cache(maxsize=64)
-def _listed(nsh: tuple[NSH | None, ...], element: tuple[Element | None, ...]) -> tuple[Element | None, ...]:
-    def plain(one):
-        return one is None or one.law == "single_valued" and all(2.0 < zeta < 8.0 for zeta in one.zeta)
-
-    return tuple(other if plain(one) else of_nsh(one) for one, other in zip(nsh, element))
-
-
-def _elements(model: Model) -> tuple[Element | None, ...]:
-    """Per string its element, None where it is linear or a plain NSH."""
-    return _listed(model.nsh, model.element)
 
 
 def _require_tension(made: Law, name: str) -> None:

@@ -83,18 +83,22 @@ def string_energy(model: Model, length: np.ndarray, branches: Branches | None = 
 
 def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
     """The branches of the strings with memory at these lengths (S,), m; for `branches` see `string_tension`."""
-    stretch, memories = _stretch(model, length), laws.memories(model)
-    before = branches or {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in memories.items()}
-    return {i: hysteresis.follow(before[i], float(stretch[i]))[0] for i in memories}
+    return _branches(model, _stretch(model, length), branches)
+
+
+def _branches(model: Model, stretch: np.ndarray, before: Branches | None) -> Branches:
+    if before is None:
+        before = {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in model.memories.items()}
+    return {i: hysteresis.follow(branch, float(stretch[i]))[0] for i, branch in before.items()}
 
 
 def string_elongation(model: Model, i: int, force: float) -> float:
     """Smallest elongation at which string i bears the force (N), m, stretched from slack."""
     k = float(model.stiffness[i])
-    if i in laws.memories(model):
-        return hysteresis.elongation(laws.memories(model)[i], k, force)
-    if i in laws.general(model):
-        return laws.law(laws.general(model)[i]).elongation(force, k)
+    if i in model.memories:
+        return hysteresis.elongation(model.memories[i], k, force)
+    if i in model.laws:
+        return laws.law(model.laws[i]).elongation(force, k)
     return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
 
 
@@ -104,15 +108,12 @@ def _stretch(model: Model, length: np.ndarray) -> np.ndarray:
 
 def _with_laws(model: Model, linear: np.ndarray, what: str, stretch: np.ndarray, branches: Branches | None) -> np.ndarray:
     """The linear strings' values, with `what` (force, stiffness or energy) of all others put in."""
-    general, memories = laws.general(model), laws.memories(model)
-    for i in model.nsh_strings:
-        if i not in general and i not in memories:
-            linear[i] = getattr(nsh_law, what)(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
-    for i, element in general.items():
+    for i in model.plain_nsh_strings:
+        linear[i] = getattr(nsh_law, what)(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+    for i, element in model.laws.items():
         linear[i] = getattr(laws.law(element), what)(float(stretch[i]), float(model.stiffness[i]))
-    if memories:
-        for i, branch in string_branches(model, stretch + model.rest_length, branches).items():
-            linear[i] = getattr(branch, what)(float(stretch[i]))
+    for i, branch in _branches(model, stretch, branches).items():
+        linear[i] = getattr(branch, what)(float(stretch[i]))
     return linear
 
 
@@ -553,24 +554,33 @@ class _Point(NamedTuple):
 
 
 class _Surface:
-    """A model under constant loads, as a potential energy over the positions that keep the bars' lengths."""
+    """A model under constant loads, as a potential energy over the positions that keep the bars' lengths.
 
-    def __init__(self, model: Model, force, decomposition=None):
+    branches: where the strings with memory stand; `keep` moves them along, and without it they stay.
+    """
+
+    def __init__(self, model: Model, force, decomposition=None, branches: Branches | None = None):
         self.model, self.load = model, loads(model, force)
         self.bar_length = _lengths(model.nominal, model.bars)
         self.place = places(model)
         self.size = _freedoms(model)
         self.decomposition = decomposition or (_Modes if self.size <= SMALL else _Factors)
         length = _lengths(model.nodes, model.strings)
-        tension = string_tension(model, length)
+        self.branches = string_branches(model, length) if branches is None else branches
+        tension = string_tension(model, length, self.branches)
         largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())
         self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (_coordinate_force(model) + largest_force))
         span = float(np.ptp(model.nodes, axis=0).max())
         self.nearly_balanced = max(self.balanced, 1e-6 * largest_force)
         self.energy_round_off = 16.0 * EPS * float(np.sum(tension * length) + np.abs(self.load).sum() * span)
 
+    def keep(self, nodes: np.ndarray) -> None:
+        """Strings with memory follow to these positions for good."""
+        if self.branches:
+            self.branches = string_branches(self.model, _lengths(nodes, self.model.strings), self.branches)
+
     def energy(self, nodes: np.ndarray) -> float:
-        stored = string_energy(self.model, _lengths(nodes, self.model.strings))
+        stored = string_energy(self.model, _lengths(nodes, self.model.strings), self.branches)
         return float(stored.sum() - np.sum(self.load * (nodes - self.model.nodes)))
 
     def at(self, nodes: np.ndarray) -> _Point:
@@ -578,7 +588,7 @@ class _Surface:
         strings = self.model.strings
         along = nodes[strings[:, 1]] - nodes[strings[:, 0]]
         length = np.linalg.norm(along, axis=1)
-        density = string_tension(self.model, length) / length
+        density = string_tension(self.model, length, self.branches) / length
         total = self.load.copy()
         np.add.at(total, strings[:, 0], density[:, None] * along)
         np.add.at(total, strings[:, 1], -density[:, None] * along)
@@ -634,7 +644,7 @@ class _Surface:
         """(F*D, F*D) N/m: a string's block is k u u^T + density (1 - u u^T), a bar's density times 1."""
         axes = self.model.axes
         unit = (along / length[:, None])[:, axes]
-        material = string_stiffness(self.model, length) - density
+        material = string_stiffness(self.model, length, self.branches) - density
         blocks = np.concatenate([density, bar_density])[:, None, None] * np.eye(len(axes))
         blocks[: len(unit)] += material[:, None, None] * unit[:, :, None] * unit[:, None, :]
         ends = self.place[members(self.model)]  # (S+B, 2, D)
@@ -691,8 +701,12 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     damping.  What it cannot say: a load that is applied at once, or a lightly damped structure, may overshoot into
     another basin; a snap's load is found to one load step; unstable branches are not traced.
 
+    Strings with memory start as stretched from slack and carry their state along.  A model does not hold that state: its
+    start is stretched from slack anew.
+
     Returns the model with its start moved there (external forces are not part of a model).
-    Raises NoEquilibrium where the flow ends in no minimum.
+    Raises NoEquilibrium where the flow ends in no minimum, or in one that needs a state of a string with memory to which
+    stretching it from slack does not lead.
     """
     goal = model.rest_length if rest_length is None else np.asarray(rest_length, dtype=float)
     none = np.zeros_like(model.nodes)
@@ -700,12 +714,21 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     if np.array_equal(first, last) and np.array_equal(goal, model.rest_length):
         steps = 1
     nodes = model.nodes
+    branches = string_branches(model, _lengths(nodes, model.strings))
     for step in range(1, steps + 1):
         part = step / steps  # exactly 1 at the end
         loaded = replace(model, rest_length=(1.0 - part) * model.rest_length + part * goal)
-        surface = _Surface(loaded, (1.0 - part) * first + part * last)
+        surface = _Surface(loaded, (1.0 - part) * first + part * last, branches=branches)
         nodes = descend(surface, nodes, surface.balanced if step == steps else surface.nearly_balanced)
-    return replace(model, nodes=nodes, rest_length=goal)
+        branches = surface.branches
+    settled = replace(model, nodes=nodes, rest_length=goal)
+    anew = string_branches(settled, _lengths(nodes, model.strings))
+    for i, branch in branches.items():
+        if anew[i] is not branch:
+            name, count = model.string_names[i], anew[i].snapped
+            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it from slack "
+                                f"leaves {count} so, and a start has no other memory")
+    return settled
 
 
 def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarray:
@@ -736,6 +759,7 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
             nodes, best, stalled = surface.moved(found, 0.1 * reach * direction), np.inf, 0
         else:
             nodes = _flow_step(surface, nodes, point, reach)
+        surface.keep(nodes)
     raise NoEquilibrium(
         f"no stable equilibrium was found: after {MAX_STEPS} steps, "
         f"{np.abs(nodes - surface.model.nodes).max():.3g} m away, {unbalanced:.3g} N are unbalanced"
@@ -753,8 +777,11 @@ def _require_support(surface: _Surface) -> None:
 
 
 def _step_limit(model: Model) -> float:
-    """m: longest way of a node in one step: small beside the structure, and beside the beams of an NSH."""
+    """m: longest way of a node in one step: small beside the structure, beside the beams of an NSH and falling stretches."""
     beams = [h for i in model.nsh_strings for h in model.nsh[i].h]
+    made = [laws.law(element) for element in model.laws.values()]
+    made += [laws.part_law(part) for element in model.memories.values() for part in element.parts]
+    beams += [one.end - one.start for law in made for one in law.stretches if one.sign < 0]
     return min([5e-3 * float(model.bar_length.min()), *(0.2 * h for h in beams)])
 
 
