@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import hysteresis, laws
 from . import nsh as honeycomb
 from .errors import InputError
 from .model import Model
@@ -50,18 +51,26 @@ def string_motion(N, Ndot, C_s):
     return S, xi, diagonal(S, Sdot) / xi
 
 
-def elastic_tension(stretch, taut, piece, k, honeycombs):
+def elastic_tension(stretch, taut, piece, k, honeycombs, elements=(), branches=None):
     """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  stretch: xi - xi0, m; taut: 1 or 0; piece: the piece of its force curve
-    that each string uses; honeycombs: (string, NSH) of the strings with an NSH."""
+    that each string uses; honeycombs: (string, NSH) of the strings with an NSH; elements: (string, Law) of those with
+    another law; branches: string -> Branch of those with memory."""
     f = taut * k * stretch
     for j, nsh in honeycombs:
         f[j] = honeycomb.tabulated_force(nsh, piece.item(j), stretch.item(j), k.item(j))
+    for j, law in elements:
+        f[j] = law.force_on_piece(piece.item(j), stretch.item(j), k.item(j))
+    for j, branch in (branches or {}).items():
+        f[j] = branch.force(stretch.item(j))
     return f
 
 
-def damping_tension(stretch_rate, taut, d):
-    """f_d (S,) N: eta xi of eq. 3, on taut strings only."""
-    return taut * d * stretch_rate
+def damping_tension(stretch_rate, taut, d, dampers=()):
+    """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  dampers: (string, Damping) of those that are not linear."""
+    f = taut * d * stretch_rate
+    for j, law in dampers:
+        f[j] = taut.item(j) * law.force(stretch_rate.item(j))
+    return f
 
 
 def bar_force_density(B, inertial, F, C_b):
@@ -131,8 +140,9 @@ class Structure:
 
     weight (3, n): gravity at the nodes, N; lever (B, n): how a bar's nodes move when its vector changes about its
     centre or pin; in_plane (3, 1): 1 on the axes that the scene uses;
-    honeycombs: (string, NSH) of the strings that have one;
-    breakpoints: per string the ends of its pieces, m.
+    honeycombs: (string, NSH) of the strings that have one; elements: (string, Law) of those with another law without
+    memory; slack: the slack branch of each string with memory; dampers: (string, Damping) of those that are not linear;
+    breakpoints: per string the ends of its pieces, m; none of a string with memory.
     """
 
     model: Model
@@ -146,6 +156,9 @@ class Structure:
     lever: np.ndarray
     in_plane: np.ndarray
     honeycombs: tuple
+    elements: tuple
+    slack: dict
+    dampers: tuple
     breakpoints: tuple
 
 
@@ -174,9 +187,15 @@ def structure(model: Model) -> Structure:
     in_plane[list(model.axes)] = 1.0
     weight = np.zeros((3, n))
     weight[2] = -model.gravity * model.bar_mass @ C_r
-    honeycombs = tuple((j, nsh) for j, nsh in enumerate(model.nsh) if nsh is not None)
-    ends = tuple((0.0,) if nsh is None else tuple(honeycomb.breakpoints(nsh).tolist()) for nsh in model.nsh)
-    return Structure(model, C_s, C_b, J, M, M_inv, ground, weight, lever, in_plane, honeycombs, ends)
+    honeycombs = tuple((j, model.nsh[j]) for j in model.plain_nsh_strings)
+    elements = tuple((j, laws.law(element)) for j, element in model.laws.items())
+    slack = {j: hysteresis.start(element, model.stiffness.item(j)) for j, element in model.memories.items()}
+    dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
+    ends = dict.fromkeys(range(len(model.strings)), (0.0,))
+    ends |= {j: tuple(honeycomb.breakpoints(nsh).tolist()) for j, nsh in honeycombs}
+    ends |= {j: law.breakpoints for j, law in elements} | dict.fromkeys(slack, ())
+    return Structure(model, C_s, C_b, J, M, M_inv, ground, weight, lever, in_plane, honeycombs, elements, slack, dampers,
+                     tuple(ends.values()))
 
 
 def _bar_of_node(model: Model) -> np.ndarray:
@@ -210,7 +229,10 @@ class Load(NamedTuple):
 
 class Mode(NamedTuple):
     """Per string: the piece of the force curve that it follows; whether its tension is clipped at zero; the
-    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0."""
+    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.
+
+    branches: the branch of each string with memory, whose piece is 0 where it is slack and else one more than the number of
+    its snapped parts."""
 
     piece: np.ndarray
     clipped: np.ndarray
@@ -218,6 +240,7 @@ class Mode(NamedTuple):
     pulls: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    branches: dict
 
 
 class Strings(NamedTuple):
@@ -247,8 +270,8 @@ def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot) -> Strin
     S, xi, xi_rate = string_motion(N, Ndot, s.C_s)
     stretch = xi - (load.rest_length + load.rest_length_rate * (t - load.since))
     rate = xi_rate - load.rest_length_rate
-    elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs)
-    unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping)
+    elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs, s.elements, mode.branches)
+    unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping, s.dampers)
     return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
@@ -276,11 +299,18 @@ def powers(load: Load, strings: Strings, Ndot) -> tuple[float, float, float]:
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
 
 
-def elastic_energy(s: Structure, stretch) -> float:
-    """Energy stored in the strings, J."""
-    k, carriers = s.model.stiffness, dict(s.honeycombs)
-    return sum(honeycomb.energy(carriers[j], x, k[j]) if j in carriers else 0.5 * k[j] * max(x, 0.0) ** 2
-               for j, x in enumerate(stretch.tolist()))
+def elastic_energy(s: Structure, stretch, branches: dict | None = None) -> float:
+    """Energy stored in the strings, J.  branches: string -> Branch of those with memory."""
+    k, carriers, elements = s.model.stiffness, dict(s.honeycombs), dict(s.elements)
+
+    def stored(j, x):
+        if j in carriers:
+            return honeycomb.energy(carriers[j], x, k[j])
+        if j in elements:
+            return elements[j].energy(x, k[j])
+        return branches[j].energy(x) if branches and j in branches else 0.5 * k[j] * max(x, 0.0) ** 2
+
+    return sum(stored(j, x) for j, x in enumerate(stretch.tolist()))
 
 
 def on_constraints(s: Structure, N, Ndot):
@@ -304,19 +334,29 @@ def drift(s: Structure, N, Ndot) -> float:
 
 def fastest_rate(s: Structure) -> float:
     """Upper bound on how fast the dampers slow the nodes down, 1/s: largest eigenvalue of C_s^T d C_s M^-1."""
-    damping = (s.C_s.T * s.model.damping) @ s.C_s
+    d = s.model.damping.copy()
+    for j, law in s.dampers:
+        d[j] = max(law.slope(rate) for rate in (0.0, 1.0, *law.kinks))    # a bound for rates up to 1 m/s
+    damping = (s.C_s.T * d) @ s.C_s
     return float(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0))
 
 
-def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray) -> Mode:
-    """A mode from its pieces and clips."""
+def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None) -> Mode:
+    """A mode from its pieces and clips; branches: those of strings with memory, slack without, from which their pieces follow."""
+    branches = s.slack if branches is None else branches
+    if branches:
+        piece = piece.copy()
+        piece[list(branches)] = [branch.snapped + 1 if branch.taut else 0 for branch in branches.values()]
+        clipped = clipped & (piece > 0)
     lower, upper = np.full(len(piece), -np.inf), np.full(len(piece), np.inf)
     for j, (p, ends) in enumerate(zip(piece.tolist(), s.breakpoints)):
-        if p > 0:
+        if p > 0 and ends:
             lower[j] = ends[p - 1]
         if p < len(ends):
             upper[j] = ends[p]
-    return Mode(piece, clipped, (piece > 0).astype(float), (~clipped).astype(float), lower, upper)
+    for j, branch in branches.items():
+        lower[j], upper[j] = branch.lower, branch.upper
+    return Mode(piece, clipped, (piece > 0).astype(float), (~clipped).astype(float), lower, upper, branches)
 
 
 def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:

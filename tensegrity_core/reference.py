@@ -20,6 +20,7 @@ import numpy as np
 from scipy.integrate import DOP853, Radau
 from scipy.optimize import brentq, minimize_scalar
 
+from . import laws
 from . import nsh as honeycomb
 from .equations import (
     Load,
@@ -39,6 +40,7 @@ from .equations import (
     structure,
 )
 from .errors import InputError, SimulationError
+from .hysteresis import follow
 from .inputs import Inputs
 from .model import Model
 from .result import Result, Transition
@@ -189,11 +191,12 @@ class _Run:
     def _change_inputs(self, k: int, y, mode: Mode):
         """Take over the inputs of step k.  A jump of a rest length does work, but gives no impulse."""
         t = float(self.inputs.times[k])
-        before = elastic_energy(self.s, self.strings(t, y, mode).stretch)
+        before = elastic_energy(self.s, self.strings(t, y, mode).stretch, mode.branches)
         self.load = self._load(k)
-        jump = elastic_energy(self.s, self.strings(t, y, mode).stretch) - before
-        settled = self._settled(t, y, mode)
-        self._note(t, mode, settled)
+        settled, losses = self._settled(t, y, mode)
+        jump = elastic_energy(self.s, self.strings(t, y, settled).stretch, settled.branches) - before
+        y = self._note(t, y, mode, settled, losses)
+        jump += sum(losses.values())    # what snaps on the way lose was put in, too
         return y + np.concatenate((np.zeros(self.moving), [jump, 0.0, abs(jump)])), settled
 
     # The loop.
@@ -203,7 +206,7 @@ class _Run:
         times, model = self.inputs.times.tolist(), self.s.model
         y = self.projected(self.pack(model.nodes.T, model.velocity.T, np.zeros(3)))
         slack = np.zeros(len(model.strings), dtype=int)
-        mode = self._settled(times[0], y, mode_of(self.s, slack, slack > 0))
+        mode, _ = self._settled(times[0], y, mode_of(self.s, slack, slack > 0))
         self._record(times[0], y, mode)
         first = 0
         while True:
@@ -225,8 +228,8 @@ class _Run:
             t, y, due = self._smooth_stretch(mode, t, y, end, pending)
             self.stats["restarts"] += 1
             if due is not None:
-                changed = self._after(mode, t, y, due)
-                self._note(t, mode, changed)
+                changed, losses = self._after(mode, t, y, due)
+                y = self._note(t, y, mode, changed, losses)
                 mode = changed
                 stalled = stalled + 1 if t == t_before else 0
                 if stalled > MAX_STALLED:
@@ -345,20 +348,52 @@ class _Run:
                 found.append(_Due(at, int(row), int(string)))
         return min(found, default=None)
 
-    def _after(self, mode: Mode, t: float, y, due: _Due) -> Mode:
-        """The mode after a transition; strings that reach the end of their piece at the same instant change with it."""
+    def _after(self, mode: Mode, t: float, y, due: _Due) -> tuple[Mode, dict[int, float]]:
+        """The mode after a transition, and the energy that snaps lose (J, by string); strings that reach the end of their
+        piece at the same instant change with it."""
         watch = self._watch(mode, t, y)
         change = (watch.gap <= TOGETHER[:, None]) & (watch.rate < 0.0)
         change[due.row, due.string] = True
         piece = mode.piece - change[0] + change[1]
-        return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0))
+        branches, losses = dict(mode.branches), {}
+        for j, branch in mode.branches.items():
+            if change[0, j] or change[1, j]:
+                branches[j], losses[j] = branch.above() if change[1, j] else branch.below()
+        return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0), branches), losses
 
-    def _settled(self, t: float, y, mode: Mode) -> Mode:
-        """The mode at the start, or after a change of inputs.
+    def _followed(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
+        """The mode once every string with memory has followed to its elongation, and what snaps on the way lose, J.
+
+        At the end of a branch a string goes where its rate leads, or its acceleration if it is at rest.
+        """
+        stretch, branches, losses = self.strings(t, y, mode).stretch, {}, {}
+        for j, branch in mode.branches.items():
+            branches[j], events = follow(branch, stretch.item(j))
+            losses[j] = sum(event.loss for event in events)
+        mode = mode_of(self.s, mode.piece, mode.clipped, branches)
+        rates = self.strings(t, y, mode).rate
+        for j, x in enumerate(stretch.tolist()):
+            if j not in branches or mode.lower[j] + TOGETHER[0] < x < mode.upper[j] - TOGETHER[0]:
+                continue
+            leads = rates.item(j)
+            if abs(leads) < AT_REST:
+                leads = self.stretch_acceleration(t, y, mode).item(j)
+            if leads > 0.0 and x >= mode.upper[j] - TOGETHER[0]:
+                branches[j], loss = branches[j].above()
+            elif x <= mode.lower[j] + TOGETHER[0] and (leads < 0.0 or not branches[j].below()[0].taut):
+                branches[j], loss = branches[j].below()
+            else:
+                continue
+            losses[j] += loss
+        return mode_of(self.s, mode.piece, mode.clipped, branches), losses
+
+    def _settled(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
+        """The mode at the start, or after a change of inputs, and the energy that snaps lose (J, by string).
 
         A string inside its piece keeps it.  At the end of a piece it goes where its rate leads, or its acceleration
         if it is at rest: at xi = xi0 it is taut only if it lengthens.
         """
+        mode, losses = self._followed(t, y, mode) if mode.branches else (mode, {})
         strings = self.strings(t, y, mode)
         near = TOGETHER[0]
         inside = (strings.stretch > mode.lower + near) & (strings.stretch < mode.upper - near)
@@ -368,18 +403,25 @@ class _Run:
             leads, unclipped = strings.rate, mode.clipped & inside
             resting = (np.abs(strings.rate) < AT_REST) & (up > down)
             if resting.any():
-                lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped)
+                lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped, mode.branches)
                 leads = np.where(resting, self.stretch_acceleration(t, y, lowest), leads)
-            mode = mode_of(self.s, np.where(inside, mode.piece, np.where(leads > 0.0, up, down)), unclipped)
+            piece = np.where(inside, mode.piece, np.where(leads > 0.0, up, down))
+            mode = mode_of(self.s, piece, unclipped, mode.branches)
         if self.s.model.damping_law == "tension_only":
             tension = self.strings(t, y, mode).unclipped
             clipped = np.where(np.abs(tension) <= TOGETHER[2], mode.clipped, tension < 0.0)
-            mode = mode_of(self.s, mode.piece, clipped & (mode.piece > 0))
-        return mode
+            mode = mode_of(self.s, mode.piece, clipped & (mode.piece > 0), mode.branches)
+        return mode, losses
 
-    def _note(self, t: float, before: Mode, after: Mode) -> None:
-        for j in np.flatnonzero(before.piece != after.piece):
-            self.transitions.append(Transition(float(t), int(j), int(before.piece[j]), int(after.piece[j])))
+    def _note(self, t: float, y, before: Mode, after: Mode, losses: dict[int, float]):
+        """Record the changes of piece and the snaps; returns y with what they lose among the dissipated energy."""
+        lost = np.zeros(len(before.piece))
+        lost[list(losses)] = list(losses.values())
+        for j in np.flatnonzero((before.piece != after.piece) | (lost > 0.0)):
+            pieces = int(before.piece[j]), int(after.piece[j])
+            self.transitions.append(Transition(float(t), int(j), *pieces, float(lost[j])))
+        total = lost.sum()
+        return y + np.concatenate((np.zeros(self.moving), [0.0, total, total])) if total else y
 
     # Rows of the result.
 
@@ -404,8 +446,17 @@ class _Run:
             position=N.T, velocity=Ndot.T, string_force=strings.tension, elastic_force=strings.elastic,
             string_length=strings.xi, bar_force=-motion.lam * model.bar_length, reaction=motion.ground.T,
             kinetic=0.5 * np.trace(Ndot @ s.M @ Ndot.T), potential=-np.sum(s.weight * N),
-            elastic=elastic_energy(s, strings.stretch), input_work=y[-3], dissipated=y[-2], throughput=y[-1],
-            snapped=[honeycomb.snapped_on_piece(nsh, mode.piece[j]) for j, nsh in s.honeycombs]))
+            elastic=elastic_energy(s, strings.stretch, mode.branches), input_work=y[-3], dissipated=y[-2], throughput=y[-1],
+            snapped=[self._snapped(j, mode) for j in model.nsh_strings]))
+
+    def _snapped(self, j: int, mode: Mode) -> int:
+        """Beams past their force maximum in a string with an NSH."""
+        model = self.s.model
+        if j in mode.branches:
+            return mode.branches[j].snapped
+        if j in model.laws:
+            return laws.law(model.laws[j]).snapped_on_piece(mode.piece[j])
+        return honeycomb.snapped_on_piece(model.nsh[j], mode.piece[j])
 
 
 def _first_root(gap, times: np.ndarray, values: np.ndarray, level: float) -> float | None:
