@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import actuator
+from . import actuator, hysteresis, laws
 from . import nsh as honeycomb
 from .actuator import Motors, motors_of
 from .errors import InputError
@@ -66,18 +66,26 @@ def string_motion(N, Ndot, C_s):
     return S, xi, diagonal(S, Sdot) / xi
 
 
-def elastic_tension(stretch, taut, piece, k, honeycombs):
+def elastic_tension(stretch, taut, piece, k, honeycombs, elements=(), branches=None):
     """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  stretch: xi - xi0, m; taut: 1 or 0; piece: the piece of its force curve
-    that each string uses; honeycombs: (string, NSH) of the strings with an NSH."""
+    that each string uses; honeycombs: (string, NSH) of the strings with an NSH; elements: (string, Law) of those with
+    another law; branches: string -> Branch of those with memory."""
     f = taut * k * stretch
     for j, nsh in honeycombs:
         f[j] = honeycomb.tabulated_force(nsh, piece.item(j), stretch.item(j), k.item(j))
+    for j, law in elements:
+        f[j] = law.force_on_piece(piece.item(j), stretch.item(j), k.item(j))
+    for j, branch in (branches or {}).items():
+        f[j] = branch.force(stretch.item(j))
     return f
 
 
-def damping_tension(stretch_rate, taut, d):
-    """f_d (S,) N: eta xi of eq. 3, on taut strings only."""
-    return taut * d * stretch_rate
+def damping_tension(stretch_rate, taut, d, dampers=()):
+    """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  dampers: (string, Damping) of those that are not linear."""
+    f = taut * d * stretch_rate
+    for j, law in dampers:
+        f[j] = taut.item(j) * law.force(stretch_rate.item(j))
+    return f
 
 
 def bar_force_density(B, inertial, F, arms):
@@ -154,8 +162,9 @@ class Structure:
     J (B,), arms (B, n): see `centred`; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other than 0 at the nodes
     `dragged`; lever (B, n): how a bar's nodes move when its vector changes about its centre of mass or pin;
     in_plane (3, 1): 1 on the axes that the scene uses;
-    honeycombs: (string, NSH) of the strings that have one;
-    breakpoints: per string the ends of its pieces, m.
+    honeycombs: (string, NSH) of the strings that have one; elements: (string, Law) of those with another law without
+    memory; slack: the slack branch of each string with memory; dampers: (string, Damping) of those that are not linear;
+    breakpoints: per string the ends of its pieces, m; none of a string with memory.
     """
 
     model: Model
@@ -174,6 +183,9 @@ class Structure:
     lever: np.ndarray
     in_plane: np.ndarray
     honeycombs: tuple
+    elements: tuple
+    slack: dict
+    dampers: tuple
     breakpoints: tuple
 
 
@@ -206,10 +218,15 @@ def structure(model: Model) -> Structure:
     in_plane = np.zeros((3, 1))
     in_plane[list(model.axes)] = 1.0
     weight = model.g[:, None] * (model.bar_mass @ C_r + m_p)
-    honeycombs = tuple((j, nsh) for j, nsh in enumerate(model.nsh) if nsh is not None)
-    ends = tuple((0.0,) if nsh is None else tuple(honeycomb.breakpoints(nsh).tolist()) for nsh in model.nsh)
+    honeycombs = tuple((j, model.nsh[j]) for j in model.plain_nsh_strings)
+    elements = tuple((j, laws.law(element)) for j, element in model.laws.items())
+    slack = {j: hysteresis.start(element, model.stiffness.item(j)) for j, element in model.memories.items()}
+    dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
+    ends = dict.fromkeys(range(len(model.strings)), (0.0,))
+    ends |= {j: tuple(honeycomb.breakpoints(nsh).tolist()) for j, nsh in honeycombs}
+    ends |= {j: law.breakpoints for j, law in elements} | dict.fromkeys(slack, ())
     return Structure(model, C_s, C_b, J, arms, M, M_inv, ground, moved_nodes(model, M), motors_of(model), weight, drag,
-                     np.flatnonzero(drag), lever, in_plane, honeycombs, ends)
+                     np.flatnonzero(drag), lever, in_plane, honeycombs, elements, slack, dampers, tuple(ends.values()))
 
 
 def _bar_of_node(model: Model) -> np.ndarray:
@@ -259,7 +276,10 @@ NO_WINDING = np.zeros((2, 0))
 
 class Mode(NamedTuple):
     """Per string: the piece of the force curve that it follows; whether its tension is clipped at zero; the
-    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0."""
+    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.
+
+    branches: the branch of each string with memory, whose piece is 0 where it is slack and else one more than the number of
+    its snapped parts."""
 
     piece: np.ndarray
     clipped: np.ndarray
@@ -267,6 +287,7 @@ class Mode(NamedTuple):
     pulls: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    branches: dict
 
 
 class Strings(NamedTuple):
@@ -308,8 +329,8 @@ def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=
     xi0, xi0_rate = rest_lengths(s, load, t, winding)
     stretch = xi - xi0
     rate = xi_rate - xi0_rate
-    elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs)
-    unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping)
+    elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs, s.elements, mode.branches)
+    unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping, s.dampers)
     return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
@@ -361,11 +382,18 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
 
 
-def elastic_energy(s: Structure, stretch) -> float:
-    """Energy stored in the strings, J."""
-    k, carriers = s.model.stiffness, dict(s.honeycombs)
-    return sum(honeycomb.energy(carriers[j], x, k[j]) if j in carriers else 0.5 * k[j] * max(x, 0.0) ** 2
-               for j, x in enumerate(stretch.tolist()))
+def elastic_energy(s: Structure, stretch, branches: dict | None = None) -> float:
+    """Energy stored in the strings, J.  branches: string -> Branch of those with memory."""
+    k, carriers, elements = s.model.stiffness, dict(s.honeycombs), dict(s.elements)
+
+    def stored(j, x):
+        if j in carriers:
+            return honeycomb.energy(carriers[j], x, k[j])
+        if j in elements:
+            return elements[j].energy(x, k[j])
+        return branches[j].energy(x) if branches and j in branches else 0.5 * k[j] * max(x, 0.0) ** 2
+
+    return sum(stored(j, x) for j, x in enumerate(stretch.tolist()))
 
 
 def kinetic_energy(s: Structure, Ndot, winding=NO_WINDING) -> float:
@@ -402,21 +430,30 @@ def fastest_rate(s: Structure) -> float:
     D = C_s^T d C_s + drag; and d_a / J_a.  A damper between a node and a motor counts twice at both:
     d (xi' + r delta')^2 <= 2 d xi'^2 + 2 d (r delta')^2."""
     d, motors = s.model.damping.copy(), s.motors
+    for j, law in s.dampers:
+        d[j] = max(law.slope(rate) for rate in (0.0, 1.0, *law.kinks))    # a bound for rates up to 1 m/s
     d[motors.strings] *= 2.0
     damping = (s.C_s.T * d) @ s.C_s + np.diag(s.drag)
     of_motors = (motors.damping + motors.radius ** 2 * d[motors.strings]) / motors.inertia
     return float(max(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0), of_motors.max(initial=0.0)))
 
 
-def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray) -> Mode:
-    """A mode from its pieces and clips."""
+def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None) -> Mode:
+    """A mode from its pieces and clips; branches: those of strings with memory, slack without, from which their pieces follow."""
+    branches = s.slack if branches is None else branches
+    if branches:
+        piece = piece.copy()
+        piece[list(branches)] = [branch.snapped + 1 if branch.taut else 0 for branch in branches.values()]
+        clipped = clipped & (piece > 0)
     lower, upper = np.full(len(piece), -np.inf), np.full(len(piece), np.inf)
     for j, (p, ends) in enumerate(zip(piece.tolist(), s.breakpoints)):
-        if p > 0:
+        if p > 0 and ends:
             lower[j] = ends[p - 1]
         if p < len(ends):
             upper[j] = ends[p]
-    return Mode(piece, clipped, (piece > 0).astype(float), (~clipped).astype(float), lower, upper)
+    for j, branch in branches.items():
+        lower[j], upper[j] = branch.lower, branch.upper
+    return Mode(piece, clipped, (piece > 0).astype(float), (~clipped).astype(float), lower, upper, branches)
 
 
 def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:

@@ -30,6 +30,17 @@ class NSH:
     law: str = "single_valued"
 
 
+    @property
+    def element(self) -> Series:
+        """The same as an element."""
+        return Series(tuple(Beam(*beam) for beam in zip(self.Q, self.zeta, self.h)), self.law)
+
+    @property
+    def plain(self) -> bool:
+        """Whether it has no memory and metastable beams only, which is what `nsh` is for."""
+        return self.law == "single_valued" and all(2.0 < zeta < 8.0 for zeta in self.zeta)
+
+
 #: Laws of beams in series by name; a law's place is its number in the kernel.
 SERIES_LAWS = ("single_valued", "hysteretic")
 
@@ -154,6 +165,26 @@ class Model:
         return tuple(i for i, nsh in enumerate(self.nsh) if nsh is not None)
 
     @cached_property
+    def plain_nsh_strings(self) -> tuple[int, ...]:
+        """Indices of the strings with an NSH that `nsh` can do: metastable beams without memory."""
+        return tuple(i for i in self.nsh_strings if self.nsh[i].plain)
+
+    @cached_property
+    def laws(self) -> dict[int, Element]:
+        """Per string without memory that is neither linear nor a plain NSH: its element."""
+        return {i: element for i, element in self._elements if not _remembers(element)}
+
+    @cached_property
+    def memories(self) -> dict[int, Series]:
+        """Per string with memory: its element."""
+        return {i: element for i, element in self._elements if _remembers(element)}
+
+    @property
+    def _elements(self) -> list[tuple[int, Element]]:
+        elements = [(i, self.nsh[i].element) for i in self.nsh_strings if not self.nsh[i].plain]
+        return elements + [(i, element) for i, element in enumerate(self.element) if element is not None]
+
+    @cached_property
     def actuated(self) -> tuple[int, ...]:
         """(A,) indices of the strings that an actuator winds."""
         return tuple(i for i, actuator in enumerate(self.actuator) if actuator is not None)
@@ -190,6 +221,10 @@ class Model:
             "E": len(self.moving),
             "A": len(self.actuated),
         }
+
+
+def _remembers(element: Element) -> bool:
+    return isinstance(element, Series) and element.law == "hysteretic"
 
 
 def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np.ndarray]:

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.integrate import DOP853, Radau
 from scipy.optimize import brentq, minimize_scalar
 
+from . import laws
 from . import nsh as honeycomb
 from .equations import (
     Load,
@@ -42,6 +43,7 @@ from .equations import (
     structure,
 )
 from .errors import InputError, SimulationError
+from .hysteresis import follow
 from .inputs import Inputs
 from .model import Model
 from .moved import jumped, path
@@ -198,7 +200,7 @@ class _Run:
 
     def energy(self, t, y, mode: Mode) -> float:
         """What inputs can change at once: the strings' energy and, with moved nodes, that of bars and point masses, J."""
-        stored = elastic_energy(self.s, self.strings(t, y, mode).stretch)
+        stored = elastic_energy(self.s, self.strings(t, y, mode).stretch, mode.branches)
         if len(self.s.moved.nodes):
             N, Ndot = self.unpack(t, y)
             stored += kinetic_energy(self.s, Ndot, self.winding(y)) + potential_energy(self.s, N)
@@ -233,9 +235,10 @@ class _Run:
         (N, Ndot), (position, velocity) = self.unpack(t, y), self.moved(t)
         self.load = self._load(k)
         y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes:])
-        jump = self.energy(t, y, mode) - before
-        settled = self._settled(t, y, mode)
-        self._note(t, mode, settled)
+        settled, losses = self._settled(t, y, mode)
+        jump = self.energy(t, y, settled) - before
+        y = self._note(t, y, mode, settled, losses)
+        jump += sum(losses.values())    # what snaps on the way lose was put in, too
         return y + np.concatenate((np.zeros(self.moving), [jump, 0.0, abs(jump)])), settled
 
     def _jumped(self, N, Ndot, position, velocity, others):
@@ -252,7 +255,7 @@ class _Run:
         others = np.zeros(self.moving - self.of_nodes + 3)
         y = self.projected(times[0], self._jumped(N, Ndot, N[:, moved], Ndot[:, moved], others))
         slack = np.zeros(len(model.strings), dtype=int)
-        mode = self._settled(times[0], y, mode_of(self.s, slack, slack > 0))
+        mode, _ = self._settled(times[0], y, mode_of(self.s, slack, slack > 0))
         self._record(times[0], y, mode)
         first = 0
         while True:
@@ -274,8 +277,8 @@ class _Run:
             t, y, due = self._smooth_stretch(mode, t, y, end, pending)
             self.stats["restarts"] += 1
             if due is not None:
-                changed = self._after(mode, t, y, due)
-                self._note(t, mode, changed)
+                changed, losses = self._after(mode, t, y, due)
+                y = self._note(t, y, mode, changed, losses)
                 mode = changed
                 stalled = stalled + 1 if t == t_before else 0
                 if stalled > MAX_STALLED:
@@ -404,20 +407,52 @@ class _Run:
                 found.append(_Due(at, int(row), int(string)))
         return min(found, default=None)
 
-    def _after(self, mode: Mode, t: float, y, due: _Due) -> Mode:
-        """The mode after a transition; strings that reach the end of their piece at the same instant change with it."""
+    def _after(self, mode: Mode, t: float, y, due: _Due) -> tuple[Mode, dict[int, float]]:
+        """The mode after a transition, and the energy that snaps lose (J, by string); strings that reach the end of their
+        piece at the same instant change with it."""
         watch = self._watch(mode, t, y)
         change = (watch.gap <= TOGETHER[:, None]) & (watch.rate < 0.0)
         change[due.row, due.string] = True
         piece = mode.piece - change[0] + change[1]
-        return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0))
+        branches, losses = dict(mode.branches), {}
+        for j, branch in mode.branches.items():
+            if change[0, j] or change[1, j]:
+                branches[j], losses[j] = branch.above() if change[1, j] else branch.below()
+        return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0), branches), losses
 
-    def _settled(self, t: float, y, mode: Mode) -> Mode:
-        """The mode at the start, or after a change of inputs.
+    def _followed(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
+        """The mode once every string with memory has followed to its elongation, and what snaps on the way lose, J.
+
+        At the end of a branch a string goes where its rate leads, or its acceleration if it is at rest.
+        """
+        stretch, branches, losses = self.strings(t, y, mode).stretch, {}, {}
+        for j, branch in mode.branches.items():
+            branches[j], events = follow(branch, stretch.item(j))
+            losses[j] = sum(event.loss for event in events)
+        mode = mode_of(self.s, mode.piece, mode.clipped, branches)
+        rates = self.strings(t, y, mode).rate
+        for j, x in enumerate(stretch.tolist()):
+            if j not in branches or mode.lower[j] + TOGETHER[0] < x < mode.upper[j] - TOGETHER[0]:
+                continue
+            leads = rates.item(j)
+            if abs(leads) < AT_REST:
+                leads = self.stretch_acceleration(t, y, mode).item(j)
+            if leads > 0.0 and x >= mode.upper[j] - TOGETHER[0]:
+                branches[j], loss = branches[j].above()
+            elif x <= mode.lower[j] + TOGETHER[0] and (leads < 0.0 or not branches[j].below()[0].taut):
+                branches[j], loss = branches[j].below()
+            else:
+                continue
+            losses[j] += loss
+        return mode_of(self.s, mode.piece, mode.clipped, branches), losses
+
+    def _settled(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
+        """The mode at the start, or after a change of inputs, and the energy that snaps lose (J, by string).
 
         A string inside its piece keeps it.  At the end of a piece it goes where its rate leads, or its acceleration
         if it is at rest: at xi = xi0 it is taut only if it lengthens.
         """
+        mode, losses = self._followed(t, y, mode) if mode.branches else (mode, {})
         strings = self.strings(t, y, mode)
         near = TOGETHER[0]
         inside = (strings.stretch > mode.lower + near) & (strings.stretch < mode.upper - near)
@@ -427,18 +462,25 @@ class _Run:
             leads, unclipped = strings.rate, mode.clipped & inside
             resting = (np.abs(strings.rate) < AT_REST) & (up > down)
             if resting.any():
-                lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped)
+                lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped, mode.branches)
                 leads = np.where(resting, self.stretch_acceleration(t, y, lowest), leads)
-            mode = mode_of(self.s, np.where(inside, mode.piece, np.where(leads > 0.0, up, down)), unclipped)
+            piece = np.where(inside, mode.piece, np.where(leads > 0.0, up, down))
+            mode = mode_of(self.s, piece, unclipped, mode.branches)
         if self.s.model.damping_law == "tension_only":
             tension = self.strings(t, y, mode).unclipped
             clipped = np.where(np.abs(tension) <= TOGETHER[2], mode.clipped, tension < 0.0)
-            mode = mode_of(self.s, mode.piece, clipped & (mode.piece > 0))
-        return mode
+            mode = mode_of(self.s, mode.piece, clipped & (mode.piece > 0), mode.branches)
+        return mode, losses
 
-    def _note(self, t: float, before: Mode, after: Mode) -> None:
-        for j in np.flatnonzero(before.piece != after.piece):
-            self.transitions.append(Transition(float(t), int(j), int(before.piece[j]), int(after.piece[j])))
+    def _note(self, t: float, y, before: Mode, after: Mode, losses: dict[int, float]):
+        """Record the changes of piece and the snaps; returns y with what they lose among the dissipated energy."""
+        lost = np.zeros(len(before.piece))
+        lost[list(losses)] = list(losses.values())
+        for j in np.flatnonzero((before.piece != after.piece) | (lost > 0.0)):
+            pieces = int(before.piece[j]), int(after.piece[j])
+            self.transitions.append(Transition(float(t), int(j), *pieces, float(lost[j])))
+        total = lost.sum()
+        return y + np.concatenate((np.zeros(self.moving), [0.0, total, total])) if total else y
 
     # Rows of the result.
 
@@ -466,8 +508,17 @@ class _Run:
             wound_rest_length=rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
             wound_rest_length_rate=-s.motors.radius * winding[1], motor_speed=winding[1],
             kinetic=kinetic_energy(s, Ndot, winding), potential=potential_energy(s, N),
-            elastic=elastic_energy(s, strings.stretch), input_work=y[-3], dissipated=y[-2], throughput=y[-1],
-            snapped=[honeycomb.snapped_on_piece(nsh, mode.piece[j]) for j, nsh in s.honeycombs]))
+            elastic=elastic_energy(s, strings.stretch, mode.branches), input_work=y[-3], dissipated=y[-2], throughput=y[-1],
+            snapped=[self._snapped(j, mode) for j in model.nsh_strings]))
+
+    def _snapped(self, j: int, mode: Mode) -> int:
+        """Beams past their force maximum in a string with an NSH."""
+        model = self.s.model
+        if j in mode.branches:
+            return mode.branches[j].snapped
+        if j in model.laws:
+            return laws.law(model.laws[j]).snapped_on_piece(mode.piece[j])
+        return honeycomb.snapped_on_piece(model.nsh[j], mode.piece[j])
 
 
 def _first_root(gap, times: np.ndarray, values: np.ndarray, level: float) -> float | None:

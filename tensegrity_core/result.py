@@ -9,12 +9,16 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Transition:
-    """A string changed its piece: piece 0 is slack, 1.. the pieces of its force curve in order of elongation."""
+    """A string changed its piece: piece 0 is slack, 1.. the pieces of its force curve in order of elongation.
+
+    A string with memory is on piece 1 plus the number of its snapped parts; loss: energy that a snap of it loses, J.
+    """
 
     time: float
     string: int
     before: int
     after: int
+    loss: float = 0.0
 
 
 @dataclass

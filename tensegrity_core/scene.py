@@ -26,6 +26,7 @@ from pydantic import (
     ValidationError,
 )
 
+from . import elements
 from .errors import SceneError
 
 SCENE_FOLDER = Path(__file__).parent / "scenes"
@@ -65,6 +66,13 @@ Gravity = Annotated[
     | Annotated[tuple[Component, Component, Component], Strict(False), Tag("[vector]")],
     Discriminator(lambda value: "[vector]" if isinstance(value, (list, tuple)) else "[number]"),
 ]
+Number = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
+Coefficients = Annotated[tuple[Number, ...], Strict(False), Field(min_length=1, max_length=7)]
+Points = Annotated[tuple[Number, ...], Strict(False), Field(min_length=2)]
+Names = Annotated[tuple[str, ...], Strict(False), Field(min_length=1)]
+SeriesLaw = Literal["single_valued", "hysteretic"]
+Shapes = Literal["metastable", "any"]
+Interpolation = Literal["linear", "cubic"]
 
 
 class Entry(BaseModel):
@@ -86,6 +94,53 @@ class Honeycomb(Entry):
     Q: Beams = Field(description="force scale of each beam in N, a list of numbers greater than 0")
     zeta: Beams = Field(description="shape parameter of each beam, a list of numbers between 2 and 8 (metastable)")
     h: Beams = Field(description="arch height of each beam in m, a list of numbers greater than 0")
+    law: SeriesLaw = Field(
+        "single_valued",
+        description='"single_valued" (one force per elongation, Algorithm 1) or "hysteretic" (beams with memory: they snap '
+        "where they lose stability, and each snap loses energy)",
+    )
+    beams: Shapes = Field(
+        "metastable",
+        description='"metastable" (2 < zeta < 8) or "any" (monotone beams too; bistable ones where the law is "hysteretic")',
+    )
+
+
+class Element(Entry):
+    """A force law of strings, and what it is made of; which keys belong to it depends on its kind."""
+
+    kind: Literal["spring", "beam", "polynomial", "table", "series", "parallel"] = Field(
+        description='"spring", "beam", "polynomial", "table", "series" or "parallel"'
+    )
+    stiffness: Positive | None = Field(None, description="of a spring: its stiffness in N/m, greater than 0")
+    Q: Positive | None = Field(None, description="of a beam: its force scale in N, greater than 0")
+    zeta: Positive | None = Field(None, description="of a beam: its shape parameter, between 2 and 8 (metastable)")
+    h: Positive | None = Field(None, description="of a beam: its arch height in m, greater than 0")
+    beams: Shapes | None = Field(None, description='of a beam: "metastable" (2 < zeta < 8, the default) or "any"')
+    coefficients: Coefficients | None = Field(
+        None, description="of a polynomial: 1 to 7 coefficients of x, x^2, ... in N/m, N/m2, ..."
+    )
+    elongation: Points | None = Field(None, description="of a table: elongations in m, increasing from 0, at least two")
+    force: Points | None = Field(None, description="of a table: the force in N at each elongation, the first 0")
+    interpolation: Interpolation | None = Field(
+        None, description='of a table: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
+    )
+    parts: Names | None = Field(None, description="of a series or parallel: names of its parts, at least one; names may repeat")
+    law: SeriesLaw | None = Field(
+        None, description='of a series: "single_valued" (the default) or "hysteretic" (with memory; not as a part of another)'
+    )
+
+
+class Damper(Entry):
+    """A damper whose force is not proportional to the rate of elongation: by coefficients, or by points."""
+
+    coefficients: Coefficients | None = Field(
+        None, description="1 to 7 coefficients of v, v^2, ... in N s/m, N s2/m2, ..., v the size of the rate of elongation"
+    )
+    rate: Points | None = Field(None, description="rates of elongation in m/s, increasing from 0, at least two")
+    force: Points | None = Field(None, description="the force in N at each rate, the first 0")
+    interpolation: Interpolation | None = Field(
+        None, description='between points: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
+    )
 
 
 class Actuator(Entry):
@@ -119,6 +174,8 @@ class String(Entry):
         "which acts once it has bottomed out",
     )
     actuator: str | None = Field(None, description="name of one of the [actuators]: it winds the string in")
+    element: str | None = Field(None, description="name of one of the [elements]: the string's force law, instead of an nsh")
+    damper: str | None = Field(None, description="name of one of the [dampers], instead of a damping")
 
 
 class Prestress(Entry):
@@ -161,6 +218,8 @@ class Scene(Entry):
     materials: dict[Name, Material] = Field(default_factory=dict, description="materials of strings by name")
     nsh: dict[Name, Honeycomb] = Field(default_factory=dict, description="NSHs by name")
     actuators: dict[Name, Actuator] = Field(default_factory=dict, description="actuators of strings by name")
+    elements: dict[Name, Element] = Field(default_factory=dict, description="force laws of strings, and their parts, by name")
+    dampers: dict[Name, Damper] = Field(default_factory=dict, description="dampers that are not linear, by name")
     bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
     strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
     point_masses: dict[str, NotNegative] = Field(
@@ -204,11 +263,47 @@ class Scene(Entry):
         return own if own is not None or not self.strings[string].material else self._material(string).stiffness
 
     def damping(self, string: str) -> float:
-        """d of a string, its own or its material's, N s/m."""
+        """d of a string, its own or its material's, N s/m; 0 where it has a damper."""
+        if self.strings[string].damper is not None:
+            return 0.0
         own = self.strings[string].damping
         if own is not None:
             return own
         return self._material(string).damping if self.strings[string].material else 0.0
+
+    def element(self, name: str) -> elements.Element:
+        """The force law of this name, with its parts in place of their names."""
+        entry = self.elements[name]
+        if entry.kind == "spring":
+            return elements.Spring(entry.stiffness)
+        if entry.kind == "beam":
+            return elements.Beam(entry.Q, entry.zeta, entry.h)
+        if entry.kind == "polynomial":
+            return elements.Polynomial(entry.coefficients)
+        if entry.kind == "table":
+            return elements.Table(entry.elongation, entry.force, entry.interpolation or "linear")
+        parts = tuple(self.element(part) for part in entry.parts)
+        return elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
+
+    def damper(self, name: str) -> elements.Damper:
+        """The damper of this name."""
+        entry = self.dampers[name]
+        if entry.coefficients is not None:
+            return elements.Polynomial(entry.coefficients)
+        return elements.Table(entry.rate, entry.force, entry.interpolation or "linear")
+
+    def needs_stiffness(self, string: str) -> bool:
+        """Whether the string's own stiffness acts: not where an element without end or memory replaces it."""
+        name = self.strings[string].element
+        return name is None or self.elements[name].law == "hysteretic" or self._ends(name)
+
+    def _ends(self, name: str) -> bool:
+        """Whether an element has a stop: a beam, a parallel of which one part has, a series of which all parts have."""
+        entry = self.elements[name]
+        if entry.kind in ("series", "parallel"):
+            ends = [self._ends(part) for part in entry.parts]
+            return all(ends) if entry.kind == "series" else any(ends)
+        return entry.kind == "beam"
 
     def _material(self, string: str) -> Material:
         return self.materials[self.strings[string].material]
@@ -437,7 +532,8 @@ def _key(place: list) -> str:
 def _described(place: list) -> tuple[type[Entry], Any]:
     """The table that holds a place, and the field whose description says what belongs there."""
     owner, field = Scene, None
-    tables = {"materials": Material, "nsh": Honeycomb, "actuators": Actuator, "bars": Bar, "strings": String}
+    tables = {"materials": Material, "nsh": Honeycomb, "elements": Element, "dampers": Damper, "actuators": Actuator}
+    tables |= {"bars": Bar, "strings": String}
     for depth, part in enumerate(place):
         if isinstance(part, str) and part in owner.model_fields:
             field = owner.model_fields[part]
@@ -506,13 +602,15 @@ def _check_references(scene: Scene) -> Iterator[SceneError]:
                 if node not in scene.nodes:
                     yield scene.error(f"{kind}.{name}.nodes[{at}]", "is no node", _choose(node, scene.nodes))
     for name, string in scene.strings.items():
-        tables = {"material": "materials", "nsh": "nsh", "actuator": "actuators"}
+        tables = {"material": "materials", "nsh": "nsh", "element": "elements", "damper": "dampers", "actuator": "actuators"}
         for key, table in tables.items():
-            held = getattr(scene, table)
-            wanted = getattr(string, key)
+            wanted, held = getattr(string, key), getattr(scene, table)
             if wanted is not None and wanted not in held:
                 yield scene.error(f"strings.{name}.{key}", f"is not in [{table}]", _choose(wanted, held))
-        if scene.stiffness(name) is None:
+        for one, other in (("element", "nsh"), ("damper", "damping")):
+            if getattr(string, one) is not None and getattr(string, other) is not None:
+                yield scene.error(f"strings.{name}.{one}", f"the string has {other} too", "Keep one of the two.")
+        if scene.stiffness(name) is None and scene.needs_stiffness(name):
             remedy = "Give material (a name in [materials]) or stiffness."
             yield scene.error(f"strings.{name}", "has no stiffness", remedy)
     for key in ("tension", "rest_length"):
@@ -567,10 +665,11 @@ def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
                 problem = f"has {len(getattr(nsh, key))} beams where Q has {len(nsh.Q)}"
                 yield scene.error(f"nsh.{name}.{key}", problem, "Give one value per beam in each of Q, zeta and h.")
         for at, zeta in enumerate(nsh.zeta, 1):
-            if not 2.0 < zeta < 8.0:
-                kind = "monotone (it never snaps)" if zeta <= 2.0 else "bistable (it does not return)"
-                problem = f"makes the beam {kind}"
-                yield scene.error(f"nsh.{name}.zeta[{at}]", problem, "Choose 2 < zeta < 8 (metastable).")
+            key = f"nsh.{name}.zeta[{at}]"
+            yield from _beam_errors(scene, key, zeta, nsh.beams)
+            if zeta >= 8.0 and nsh.law == "single_valued":
+                problem = "makes the beam bistable, which means nothing without memory: its force falls below 0 before it returns"
+                yield scene.error(key, problem, 'Write law = "hysteretic", or choose zeta < 8.')
 
 
 def _check_loads(scene: Scene) -> Iterator[SceneError]:
@@ -591,7 +690,97 @@ def _check_loads(scene: Scene) -> Iterator[SceneError]:
             yield scene.error(f"moving[{at}]", "is listed twice", "Remove one of the two.")
 
 
-CHECKS = (_check_names, _check_coordinates, _check_references, _check_members, _check_honeycombs, _check_loads)
+def _beam_errors(scene: Scene, key: str, zeta: float, beams: str | None) -> Iterator[SceneError]:
+    if beams != "any" and not 2.0 < zeta < 8.0:
+        kind = "monotone (it never snaps)" if zeta <= 2.0 else "bistable (it does not return)"
+        remedy = 'Choose 2 < zeta < 8 (metastable), or write beams = "any".'
+        yield scene.error(key, f"makes the beam {kind}", remedy)
+
+
+#: Kind of element -> the keys that it must have, and those that it may have.
+ELEMENT_KEYS = {
+    "spring": (("stiffness",), ()),
+    "beam": (("Q", "zeta", "h"), ("beams",)),
+    "polynomial": (("coefficients",), ()),
+    "table": (("elongation", "force"), ("interpolation",)),
+    "series": (("parts",), ("law",)),
+    "parallel": (("parts",), ()),
+}
+
+
+#: Elements that one string may be made of.
+MOST_PARTS = 1000
+
+
+def _check_elements(scene: Scene) -> Iterator[SceneError]:
+    for name, entry in scene.elements.items():
+        must, may = ELEMENT_KEYS[entry.kind]
+        yield from _key_errors(scene, f"elements.{name}", entry, f"a {entry.kind}", ("kind", *must), may)
+        if entry.kind == "beam":
+            yield from _beam_errors(scene, f"elements.{name}.zeta", entry.zeta, entry.beams)
+        if entry.kind == "table":
+            yield from _point_errors(scene, f"elements.{name}", "elongation", entry.elongation, entry.force)
+        for at, part in enumerate(entry.parts or (), 1):
+            key = f"elements.{name}.parts[{at}]"
+            if part not in scene.elements:
+                yield scene.error(key, "is not in [elements]", _choose(part, scene.elements))
+            if scene.elements[part].law == "hysteretic":
+                problem = "has memory, which only the outermost element of a string may have"
+                yield scene.error(key, problem, f'Write law = "single_valued" in [elements.{part}].')
+    size: dict[str, int] = {}
+    for name in scene.elements:
+        yield from _tree_errors(scene, name, (), size)
+
+
+def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str, int]) -> Iterator[SceneError]:
+    """Circles, and trees that are too large; size: the parts of the elements that have been looked at."""
+    size[name] = 1
+    for at, part in enumerate(scene.elements[name].parts or (), 1):
+        if part in (*above, name):
+            problem = f"closes a circle: {' -> '.join((*above, name, part))}"
+            yield scene.error(f"elements.{name}.parts[{at}]", problem, "Name an element outside it.")
+        if part not in size:
+            yield from _tree_errors(scene, part, (*above, name), size)
+        size[name] += size[part]
+    if size[name] > MOST_PARTS:
+        yield scene.error(f"elements.{name}.parts", f"makes {size[name]} parts", f"Use at most {MOST_PARTS}.")
+
+
+def _check_dampers(scene: Scene) -> Iterator[SceneError]:
+    for name, entry in scene.dampers.items():
+        if entry.coefficients is not None:
+            yield from _key_errors(scene, f"dampers.{name}", entry, "a damper with coefficients", ("coefficients",), ())
+        elif entry.rate is None and entry.force is None:
+            yield scene.error(f"dampers.{name}", "has no law", "Give coefficients, or rate and force.")
+        else:
+            yield from _key_errors(scene, f"dampers.{name}", entry, "a damper with points", ("rate", "force"), ("interpolation",))
+            yield from _point_errors(scene, f"dampers.{name}", "rate", entry.rate, entry.force)
+
+
+def _key_errors(scene: Scene, key: str, entry: Entry, what: str, must: tuple, may: tuple) -> Iterator[SceneError]:
+    """Keys that are missing in a table, or that belong to another kind."""
+    for field, about in type(entry).model_fields.items():
+        given = getattr(entry, field) is not None
+        if field in must and not given:
+            yield scene.error(f"{key}.{field}", f"is missing in {what}", f"Give {about.description}.")
+        if given and field not in must and field not in may:
+            yield scene.error(f"{key}.{field}", f"does not belong to {what}", f"Keys here: {', '.join((*must, *may))}.")
+
+
+def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Iterator[SceneError]:
+    if len(x) != len(f):
+        problem = f"has {len(f)} values where {along} has {len(x)}"
+        yield scene.error(f"{key}.force", problem, f"Give one force per {along}.")
+    for field, first in ((along, x[0]), ("force", f[0])):
+        if first != 0.0:
+            yield scene.error(f"{key}.{field}[1]", "is not 0", "Let both lists start with 0.")
+    for at, (before, after) in enumerate(zip(x, x[1:]), 2):
+        if not after > before:
+            yield scene.error(f"{key}.{along}[{at}]", f"does not exceed the value before it, {before!r}", "Sort the points.")
+
+
+CHECKS = (_check_names, _check_coordinates, _check_elements, _check_dampers, _check_references, _check_members,
+          _check_honeycombs, _check_loads)
 
 
 # --- the schema --------------------------------------------------------------------------------------------------

@@ -22,8 +22,10 @@ import numpy as np
 import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 
+from . import hysteresis
+from . import laws
 from . import nsh as nsh_law
-from .errors import TensegrityError
+from .errors import InputError, TensegrityError
 from .model import NSH, Actuator, Model
 
 if TYPE_CHECKING:
@@ -55,32 +57,64 @@ def loads(model: Model, force=None) -> np.ndarray:
     return load + model.node_mass[:, None] * model.g
 
 
-def string_tension(model: Model, length: np.ndarray) -> np.ndarray:
-    """(S,) N: elastic tension of every string at these lengths (S,), m; a slack string carries nothing."""
+#: Per string with memory the branch that it is on.
+Branches = dict[int, hysteresis.Branch]
+
+
+def string_tension(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
+    """(S,) N: elastic tension of every string at these lengths (S,), m; a slack string carries nothing.
+
+    branches: where strings with memory come from, on a continuous way; without, they are stretched from slack.
+    """
     stretch = _stretch(model, length)
-    return _with_nsh(model, model.stiffness * stretch, nsh_law.force, stretch)
+    return _with_laws(model, model.stiffness * stretch, "force", stretch, branches)
 
 
-def string_stiffness(model: Model, length: np.ndarray) -> np.ndarray:
+def string_stiffness(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) N/m: derivative of the elastic tension by the length; 0 for a slack string."""
     stretch = _stretch(model, length)
-    return _with_nsh(model, np.where(stretch > 0.0, model.stiffness, 0.0), nsh_law.stiffness, stretch)
+    return _with_laws(model, np.where(stretch > 0.0, model.stiffness, 0.0), "stiffness", stretch, branches)
 
 
-def string_energy(model: Model, length: np.ndarray) -> np.ndarray:
+def string_energy(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) J: energy stored in every string at these lengths (S,), m."""
     stretch = _stretch(model, length)
-    return _with_nsh(model, 0.5 * model.stiffness * stretch**2, nsh_law.energy, stretch)
+    return _with_laws(model, 0.5 * model.stiffness * stretch**2, "energy", stretch, branches)
+
+
+def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
+    """The branches of the strings with memory at these lengths (S,), m; for `branches` see `string_tension`."""
+    return _branches(model, _stretch(model, length), branches)
+
+
+def _branches(model: Model, stretch: np.ndarray, before: Branches | None) -> Branches:
+    if before is None:
+        before = {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in model.memories.items()}
+    return {i: hysteresis.follow(branch, float(stretch[i]))[0] for i, branch in before.items()}
+
+
+def string_elongation(model: Model, i: int, force: float) -> float:
+    """Smallest elongation at which string i bears the force (N), m, stretched from slack."""
+    k = float(model.stiffness[i])
+    if i in model.memories:
+        return hysteresis.elongation(model.memories[i], k, force)
+    if i in model.laws:
+        return laws.law(model.laws[i]).elongation(force, k)
+    return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
 
 
 def _stretch(model: Model, length: np.ndarray) -> np.ndarray:
     return np.maximum(length - model.rest_length, 0.0)
 
 
-def _with_nsh(model: Model, linear: np.ndarray, law, stretch: np.ndarray) -> np.ndarray:
-    """The linear strings' values, with those of the NSH strings put in from `law`."""
-    for i in model.nsh_strings:
-        linear[i] = law(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+def _with_laws(model: Model, linear: np.ndarray, what: str, stretch: np.ndarray, branches: Branches | None) -> np.ndarray:
+    """The linear strings' values, with `what` (force, stiffness or energy) of all others put in."""
+    for i in model.plain_nsh_strings:
+        linear[i] = getattr(nsh_law, what)(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+    for i, element in model.laws.items():
+        linear[i] = getattr(laws.law(element), what)(float(stretch[i]), float(model.stiffness[i]))
+    for i, branch in _branches(model, stretch, branches).items():
+        linear[i] = getattr(branch, what)(float(stretch[i]))
     return linear
 
 
@@ -248,6 +282,7 @@ def build_model(scene: Scene) -> Model:
     Raises SceneError where the prestress is undetermined, a string would have to push, a rest length would be
     negative, or no equilibrium exists.
     """
+    _require_laws(scene)
     model = _at_given_coordinates(scene)
     tension = _prestress(scene, model)
     model = replace(model, rest_length=_rest_lengths(scene, model, tension))
@@ -269,11 +304,47 @@ def _holding_currents(model: Model) -> np.ndarray:
     return np.array([motor.radius * pull / motor.torque_constant for motor, pull in motors])
 
 
+def _require_laws(scene: Scene) -> None:
+    """Work out every element, of a string or not, and every damper; raise SceneError for one that has no force law."""
+    for name, entry in scene.elements.items():
+        try:
+            laws.part_law(scene.element(name)) if entry.law != "hysteretic" else hysteresis.start(scene.element(name), 1.0)
+        except InputError as failure:
+            raise scene.error(f"elements.{name}", *_two_parts(failure)) from None
+    for name in scene.dampers:
+        try:
+            laws.damping(scene.damper(name))
+        except InputError as failure:
+            raise scene.error(f"dampers.{name}", *_two_parts(failure)) from None
+    for name, string in scene.strings.items():
+        try:
+            if string.element is not None and scene.elements[string.element].law != "hysteretic":
+                laws.law(scene.element(string.element))
+        except InputError as failure:
+            raise scene.error(f"strings.{name}.element", *_two_parts(failure)) from None
+
+
+def _two_parts(failure: InputError) -> tuple[str, str]:
+    """Problem and remedy of an error about a law, whose message has them on the two sides of a semicolon."""
+    problem, _, remedy = str(failure).rpartition("; ")
+    return problem, f"{remedy[:1].upper()}{remedy[1:]}."
+
+
+def _stiffness(scene: Scene, string: str) -> float:
+    """k of a string, N/m; where nothing uses one, that of its element as it begins to stretch."""
+    given = scene.stiffness(string)
+    if given is not None:
+        return given
+    return laws.law(scene.element(scene.strings[string].element)).stiffness(1e-300) or 1.0
+
+
 def _at_given_coordinates(scene: Scene) -> Model:
     index = {name: i for i, name in enumerate(scene.nodes)}
     nodes = np.array([scene.position(name) for name in scene.nodes])
     fixed = set(scene.fixed)
-    honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h) for name, entry in scene.nsh.items()}
+    honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h, entry.law) for name, entry in scene.nsh.items()}
+    elements = {name: scene.element(name) for name in scene.elements}
+    dampers = {name: scene.damper(name) for name in scene.dampers}
     actuators = {name: Actuator(**entry.model_dump()) for name, entry in scene.actuators.items()}
     return Model(
         name=scene.name,
@@ -287,10 +358,12 @@ def _at_given_coordinates(scene: Scene) -> Model:
         bars=[[index[node] for node in bar.nodes] for bar in scene.bars.values()],
         bar_mass=[bar.mass for bar in scene.bars.values()],
         strings=[[index[node] for node in string.nodes] for string in scene.strings.values()],
-        stiffness=[scene.stiffness(name) for name in scene.strings],
+        stiffness=[_stiffness(scene, name) for name in scene.strings],
         damping=[scene.damping(name) for name in scene.strings],
         rest_length=np.zeros(len(scene.strings)),
         nsh=tuple(honeycombs.get(string.nsh) for string in scene.strings.values()),
+        element=tuple(elements.get(string.element) for string in scene.strings.values()),
+        damper=tuple(dampers.get(string.damper) for string in scene.strings.values()),
         damping_law=scene.damping_law,
         gravity=scene.gravity,
         nominal=nodes,
@@ -365,9 +438,12 @@ def _rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray
         if name in scene.prestress.rest_length:
             rest_length[i] = scene.prestress.rest_length[name]
             continue
-        k, law = float(model.stiffness[i]), model.nsh[i]
         pull = float(tension[i])
-        stretch = pull / k if law is None else nsh_law.elongation(law, pull, k)
+        try:
+            stretch = string_elongation(model, i, pull)
+        except InputError as failure:
+            key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
+            raise scene.error(key, *_two_parts(failure)) from None
         rest_length[i] = length[i] - stretch
         if rest_length[i] < 0.0:
             key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
@@ -495,24 +571,33 @@ class _Point(NamedTuple):
 
 
 class _Surface:
-    """A model under constant loads, as a potential energy over the positions that keep the bars' lengths."""
+    """A model under constant loads, as a potential energy over the positions that keep the bars' lengths.
 
-    def __init__(self, model: Model, force, decomposition=None):
+    branches: where the strings with memory stand; `keep` moves them along, and without it they stay.
+    """
+
+    def __init__(self, model: Model, force, decomposition=None, branches: Branches | None = None):
         self.model, self.load = model, loads(model, force)
         self.bar_length = _lengths(model.nominal, model.bars)
         self.place = places(model)
         self.size = _freedoms(model)
         self.decomposition = decomposition or (_Modes if self.size <= SMALL else _Factors)
         length = _lengths(model.nodes, model.strings)
-        tension = string_tension(model, length)
+        self.branches = string_branches(model, length) if branches is None else branches
+        tension = string_tension(model, length, self.branches)
         largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())
         self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (_coordinate_force(model) + largest_force))
         span = float(np.ptp(model.nodes, axis=0).max())
         self.nearly_balanced = max(self.balanced, 1e-6 * largest_force)
         self.energy_round_off = 16.0 * EPS * float(np.sum(tension * length) + np.abs(self.load).sum() * span)
 
+    def keep(self, nodes: np.ndarray) -> None:
+        """Strings with memory follow to these positions for good."""
+        if self.branches:
+            self.branches = string_branches(self.model, _lengths(nodes, self.model.strings), self.branches)
+
     def energy(self, nodes: np.ndarray) -> float:
-        stored = string_energy(self.model, _lengths(nodes, self.model.strings))
+        stored = string_energy(self.model, _lengths(nodes, self.model.strings), self.branches)
         return float(stored.sum() - np.sum(self.load * (nodes - self.model.nodes)))
 
     def at(self, nodes: np.ndarray) -> _Point:
@@ -520,7 +605,7 @@ class _Surface:
         strings = self.model.strings
         along = nodes[strings[:, 1]] - nodes[strings[:, 0]]
         length = np.linalg.norm(along, axis=1)
-        density = string_tension(self.model, length) / length
+        density = string_tension(self.model, length, self.branches) / length
         total = self.load.copy()
         np.add.at(total, strings[:, 0], density[:, None] * along)
         np.add.at(total, strings[:, 1], -density[:, None] * along)
@@ -576,7 +661,7 @@ class _Surface:
         """(F*D, F*D) N/m: a string's block is k u u^T + density (1 - u u^T), a bar's density times 1."""
         axes = self.model.axes
         unit = (along / length[:, None])[:, axes]
-        material = string_stiffness(self.model, length) - density
+        material = string_stiffness(self.model, length, self.branches) - density
         blocks = np.concatenate([density, bar_density])[:, None, None] * np.eye(len(axes))
         blocks[: len(unit)] += material[:, None, None] * unit[:, :, None] * unit[:, None, :]
         ends = self.place[members(self.model)]  # (S+B, 2, D)
@@ -633,8 +718,12 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     damping.  What it cannot say: a load that is applied at once, or a lightly damped structure, may overshoot into
     another basin; a snap's load is found to one load step; unstable branches are not traced.
 
+    Strings with memory start as stretched from slack and carry their state along.  A model does not hold that state: its
+    start is stretched from slack anew.
+
     Returns the model with its start moved there (external forces are not part of a model).
-    Raises NoEquilibrium where the flow ends in no minimum.
+    Raises NoEquilibrium where the flow ends in no minimum, or in one that needs a state of a string with memory to which
+    stretching it from slack does not lead.
     """
     goal = model.rest_length if rest_length is None else np.asarray(rest_length, dtype=float)
     none = np.zeros_like(model.nodes)
@@ -642,12 +731,21 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     if np.array_equal(first, last) and np.array_equal(goal, model.rest_length):
         steps = 1
     nodes = model.nodes
+    branches = string_branches(model, _lengths(nodes, model.strings))
     for step in range(1, steps + 1):
         part = step / steps  # exactly 1 at the end
         loaded = replace(model, rest_length=(1.0 - part) * model.rest_length + part * goal)
-        surface = _Surface(loaded, (1.0 - part) * first + part * last)
+        surface = _Surface(loaded, (1.0 - part) * first + part * last, branches=branches)
         nodes = descend(surface, nodes, surface.balanced if step == steps else surface.nearly_balanced)
-    return replace(model, nodes=nodes, rest_length=goal)
+        branches = surface.branches
+    settled = replace(model, nodes=nodes, rest_length=goal)
+    anew = string_branches(settled, _lengths(nodes, model.strings))
+    for i, branch in branches.items():
+        if anew[i] is not branch:
+            name, count = model.string_names[i], anew[i].snapped
+            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it from slack "
+                                f"leaves {count} so, and a start has no other memory")
+    return settled
 
 
 def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarray:
@@ -678,6 +776,7 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
             nodes, best, stalled = surface.moved(found, 0.1 * reach * direction), np.inf, 0
         else:
             nodes = _flow_step(surface, nodes, point, reach)
+        surface.keep(nodes)
     raise NoEquilibrium(
         f"no stable equilibrium was found: after {MAX_STEPS} steps, "
         f"{np.abs(nodes - surface.model.nodes).max():.3g} m away, {unbalanced:.3g} N are unbalanced"
@@ -695,8 +794,11 @@ def _require_support(surface: _Surface) -> None:
 
 
 def _step_limit(model: Model) -> float:
-    """m: longest way of a node in one step: small beside the structure, and beside the beams of an NSH."""
+    """m: longest way of a node in one step: small beside the structure, beside the beams of an NSH and falling stretches."""
     beams = [h for i in model.nsh_strings for h in model.nsh[i].h]
+    made = [laws.law(element) for element in model.laws.values()]
+    made += [laws.part_law(part) for element in model.memories.values() for part in element.parts]
+    beams += [one.end - one.start for law in made for one in law.stretches if one.sign < 0]
     return min([5e-3 * float(model.bar_length.min()), *(0.2 * h for h in beams)])
 
 
