@@ -13,7 +13,7 @@ from support import scene
 from test_reference import build, mixed_structure, taut_mode
 from test_scene_loads import GOOD as CRANE
 
-from tensegrity_core import equations, reference
+from tensegrity_core import actuator, equations, reference
 from tensegrity_core.errors import InputError, SimulationError
 from tensegrity_core.inputs import grid, held
 from tensegrity_core.model import Actuator
@@ -530,6 +530,25 @@ def test_string_at_its_rest_length_follows_the_moved_anchor(pull):
     result = reference.simulate(model, replace(inputs, node_acceleration=acceleration))
     assert not [transition for transition in result.transitions if transition.time < 0.01]
     assert (result.string_force[1, 0] > 0.0) == (pull < 0.0)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-13, 1e-5, 0.019, 0.021, 0.5, 50.0])
+def test_actuator_by_itself(damping):
+    """The exact solution against SciPy on eq. 8, in one step and in two; without damping, uniform acceleration."""
+    motor, current, tension, start = replace(MOTOR, damping=damping), 3.0, 7.0, [0.4, -1.5]
+
+    def ydot(t, y):
+        return y[1], (0.4 * current - damping * y[1] - 0.1 * tension) / 0.02
+
+    found = actuator.held_step(motor, current, tension, *start, 1.0)
+    method = "DOP853" if damping < 1.0 else "Radau"
+    expected = solve_ivp(ydot, (0.0, 1.0), start, method=method, rtol=1e-12, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    half = actuator.held_step(motor, current, tension, *start, 0.5)
+    np.testing.assert_allclose(actuator.held_step(motor, current, tension, *half, 0.5), found, rtol=1e-13)
+    assert actuator.held_step(motor, current, tension, *start, 0.0) == tuple(start)
+    if damping < 1e-12:
+        np.testing.assert_allclose(found, [0.4 - 1.5 + 12.5, -1.5 + 25.0], rtol=1e-11)
 
 
 def test_a_string_that_is_wound_up_ends_the_run():
