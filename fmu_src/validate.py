@@ -167,7 +167,7 @@ def input_values(run: Scenario) -> np.ndarray:
     motions = [getattr(inputs, name)[:, :, axes] for name in ("node_position", "node_velocity", "node_acceleration")]
     nodal = [part.reshape(steps, -1) for part in (inputs.force[:, model.free_nodes[:, None], axes], *motions)]
     lengths = inputs.rest_length[:, unwound], inputs.rest_length_rate[:, unwound]
-    return np.hstack((nodal[0], *lengths, inputs.current, 0.0 * inputs.current, *nodal[1:]))
+    return np.hstack((nodal[0], *lengths, inputs.current, inputs.drum_load, *nodal[1:]))
 
 
 def _changed(table: tuple[Variable, ...], model: Model, other: Model):

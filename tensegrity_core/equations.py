@@ -258,7 +258,7 @@ def _bar_of_node(model: Model) -> np.ndarray:
 class Load(NamedTuple):
     """Inputs of one step: force (3, n) N; rest_length (S,) m at `since` (s), moving with rest_length_rate (S,) m/s (of a
     string with an actuator: its start rest length, and 0); current (A,) A; position, velocity and acceleration (3, E) of
-    the moved nodes at `since`, m, m/s, m/s2."""
+    the moved nodes at `since`, m, m/s, m/s2; drum_load (A,) N, beside the tension of the string."""
 
     since: float
     force: np.ndarray
@@ -268,6 +268,7 @@ class Load(NamedTuple):
     position: np.ndarray = np.zeros((3, 0))
     velocity: np.ndarray = np.zeros((3, 0))
     acceleration: np.ndarray = np.zeros((3, 0))
+    drum_load: np.ndarray | float = 0.0
 
 
 #: Angles delta (rad) and speeds delta' (rad/s) of the actuators, (2, A), of a structure without actuators.
@@ -359,7 +360,7 @@ def motor_acceleration(s: Structure, load: Load, strings: Strings, winding):
     """delta'' (A,) of eq. 8 under the tensions of the strings."""
     if not len(s.motors.strings):
         return winding[1]
-    return actuator.acceleration(s.motors, load.current, strings.tension[s.motors.strings], winding[1])
+    return actuator.acceleration(s.motors, load.current, strings.tension[s.motors.strings] + load.drum_load, winding[1])
 
 
 def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -> tuple[float, float, float]:
@@ -376,7 +377,8 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
     if len(s.dragged):
         lost = np.concatenate((lost, (s.drag * diagonal(Ndot, Ndot))[s.dragged]))
     if len(s.motors.strings):
-        put_in = np.concatenate((put_in, actuator.input_power(s.motors, load.current, winding[1])))
+        pulled_out = -s.motors.radius * winding[1] * load.drum_load
+        put_in = np.concatenate((put_in, actuator.input_power(s.motors, load.current, winding[1]), pulled_out))
         lost = np.concatenate((lost, actuator.lost_power(s.motors, winding[1])))
     total = np.add.reduce
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))

@@ -18,7 +18,7 @@ from .model import Model
 @dataclass(frozen=True)
 class Inputs:
     """times: (K+1,) s, increasing; force: (K, N, 3) N; rest_length: (K, S) m; rest_length_rate: (K, S) m/s;
-    current: (K, A) A; node_position, node_velocity, node_acceleration: (K, E, 3) m, m/s, m/s2, of the moved nodes.
+    current: (K, A) A; drum_load: (K, A) N, pull on the actuators' drums beside their strings'; node_position, node_velocity, node_acceleration: (K, E, 3) m, m/s, m/s2, of the moved nodes.
 
     None means: as the model starts, see `resolved`.  The rest lengths of strings with an actuator are ignored.
     """
@@ -28,6 +28,7 @@ class Inputs:
     rest_length: np.ndarray
     rest_length_rate: np.ndarray
     current: np.ndarray | None = None
+    drum_load: np.ndarray | None = None
     node_position: np.ndarray | None = None
     node_velocity: np.ndarray | None = None
     node_acceleration: np.ndarray | None = None
@@ -39,6 +40,7 @@ class Inputs:
         elapsed = (np.asarray(self.times, dtype=float)[:-1] - self.times[0])[:, None, None]
         start = {
             "current": np.tile(model.current, (steps, 1)),
+            "drum_load": np.tile(model.drum_load, (steps, 1)),
             "node_position": model.nodes[moving] + model.velocity[moving] * elapsed,
             "node_velocity": np.tile(model.velocity[moving], (steps, 1, 1)),
             "node_acceleration": np.zeros((steps, len(moving), 3)),
@@ -58,13 +60,13 @@ def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
     return start + np.arange(count + 1) * duration / count
 
 
-def held(model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None) -> Inputs:
+def held(model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None, drum_load=None) -> Inputs:
     """Sample signals into held inputs.
 
     force: function of t -> (N, 3) N, sampled just after each communication point; None: no force.
     rest_length: function of t -> (S,) m, sampled at the communication points and joined by straight lines
     (rate = difference / step); None: the model's rest lengths.
-    current: function of t -> (A,) A, sampled as the force is; None: the model's start currents.
+    current: function of t -> (A,) A, sampled as the force is; None: the model's start currents; drum_load: likewise, N.
     motion: function of t -> positions (E, 3), m, and velocities (E, 3), m/s, of the moved nodes, sampled at the
     communication points (acceleration = difference of velocities / step); None: they stay.
     """
@@ -80,8 +82,9 @@ def held(model: Model, times: np.ndarray, force=None, rest_length=None, current=
         lengths[:] = [rest_length(t) for t in times]
     rates = np.diff(lengths, axis=0) / np.diff(times)[:, None]
     more = {}
-    if current is not None:
-        more["current"] = np.array([current(t) for t in inside], dtype=float).reshape(steps, -1)
+    for name, signal in (("current", current), ("drum_load", drum_load)):
+        if signal is not None:
+            more[name] = np.array([signal(t) for t in inside], dtype=float).reshape(steps, -1)
     if motion is not None:
         position, velocity = (np.array(part, dtype=float) for part in zip(*(motion(t) for t in times)))
         acceleration = np.diff(velocity, axis=0) / np.diff(times)[:, None, None]

@@ -311,6 +311,7 @@ def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-1
         kernel["rest_length"][:] = inputs.rest_length[k]
         kernel["rest_length_rate"][:] = inputs.rest_length_rate[k]
         kernel["current"][:] = inputs.current[k]
+        kernel["drum_load"][:] = inputs.drum_load[k]
         for name in ("node_position", "node_velocity", "node_acceleration"):
             kernel[name][:] = getattr(inputs, name)[k][:, axes].ravel()
 

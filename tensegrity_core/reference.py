@@ -213,7 +213,7 @@ class _Run:
         home = s.model.nodes[s.moved.nodes].T
         return Load(float(i.times[k]), i.force[k].T * s.in_plane, i.rest_length[k], i.rest_length_rate[k], i.current[k],
                     np.where(s.in_plane > 0.0, i.node_position[k].T, home), i.node_velocity[k].T * s.in_plane,
-                    i.node_acceleration[k].T * s.in_plane)
+                    i.node_acceleration[k].T * s.in_plane, i.drum_load[k])
 
     def _changes(self, k: int) -> bool:
         """Whether step k's inputs are other than those of step k-1 carried on."""
@@ -223,7 +223,8 @@ class _Run:
         position, velocity = path(i.node_position[k - 1], i.node_velocity[k - 1], i.node_acceleration[k - 1], tau)
         return not (np.array_equal(i.force[k], i.force[k - 1]) and np.array_equal(i.rest_length[k], carried)
                     and np.array_equal(i.rest_length_rate[k], i.rest_length_rate[k - 1])
-                    and np.array_equal(i.current[k], i.current[k - 1]) and np.array_equal(i.node_position[k], position)
+                    and np.array_equal(i.current[k], i.current[k - 1]) and np.array_equal(i.drum_load[k], i.drum_load[k - 1])
+                    and np.array_equal(i.node_position[k], position)
                     and np.array_equal(i.node_velocity[k], velocity)
                     and np.array_equal(i.node_acceleration[k], i.node_acceleration[k - 1]))
 
@@ -577,7 +578,7 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
 def _check_inputs(model: Model, inputs: Inputs) -> None:
     steps, n, strings = len(inputs.times) - 1, len(model.nodes), len(model.strings)
     shapes = {"force": (steps, n, 3), "rest_length": (steps, strings), "rest_length_rate": (steps, strings)}
-    shapes["current"] = (steps, len(model.actuated))
+    shapes |= dict.fromkeys(("current", "drum_load"), (steps, len(model.actuated)))
     of_moved = ("node_position", "node_velocity", "node_acceleration")
     shapes |= dict.fromkeys(of_moved, (steps, len(model.moving), 3))
     if steps < 1 or not (np.diff(inputs.times) > 0.0).all():

@@ -28,7 +28,8 @@ from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
 #: What `compare` reads of an FMU.
-FMU_SERIES = ("position", "velocity", "string_length", "snapped", "throughput", *compare.FORCES, *compare.ENERGIES)
+DRIVES = ("wound_rest_length", "motor_speed")
+FMU_SERIES = ("position", "velocity", "string_length", "snapped", "throughput", *DRIVES, *compare.FORCES, *compare.ENERGIES)
 SETTINGS = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-10}
 
 

@@ -220,6 +220,7 @@ def drive(model, duration=1.0, step=0.02):
         rest_length=lambda t: model.rest_length + 0.05 * moving * np.sin(6.0 * t),
         current=lambda t: model.current + [1.5 * np.sin(4.0 * t), -0.8],
         motion=shake,
+        drum_load=lambda t: [2.0 * np.sin(8.0 * t), 1.0],
     )
 
 
