@@ -9,12 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Transition:
-    """A string changed its piece: piece 0 is slack, 1.. the pieces of its force curve in order of elongation."""
+    """A string changed its piece: piece 0 is slack, 1.. the pieces of its force curve, in order of elongation where it has no
+    memory.  loss: J, what a snap of a string with memory dissipates there."""
 
     time: float
     string: int
     before: int
     after: int
+    loss: float = 0.0
 
 
 @dataclass
