@@ -40,19 +40,42 @@ static const double *piece_row(const ts_piece *p, const double *table, double x,
     return table + TS_ROW * (p->first + i);
 }
 
-/* The row of an open piece: octave n of 1 + (x - origin) scale has rows/TS_OCTAVES of them.  scale: rows per metre there. */
-static const double *open_row(const ts_piece *p, const double *table, double x, double *t, double *scale)
+/* Width of a row, m, and where it begins. */
+double ts_row_width(const ts_piece *p, int row, double *begin)
 {
-    int each = p->rows / TS_OCTAVES, octave = 0;
-    double place = (x - p->origin) * p->scale, from = 1.0;
-    if (place >= 1.0) octave = ilogb(1.0 + place);
-    if (octave >= TS_OCTAVES) octave = TS_OCTAVES - 1;
-    from = ldexp(1.0, octave);
-    place = (place - (from - 1.0)) / from * each;
-    int i = place > 0.0 ? (place < each ? (int)place : each - 1) : 0;
+    int octave = row / p->each, n = row % p->each, lower = p->octaves[0];
+    if (p->kind == TS_OPEN) {
+        double from = ldexp(1.0, octave), w = from / p->scale / p->each;
+        *begin = p->lo + (from - 1.0) / p->scale + n * w;
+        return w;
+    }
+    int upper = octave >= lower, far = upper ? octave - lower : lower - 1 - octave; /* octaves from the middle */
+    int last = far == (upper ? p->octaves[1] : lower) - 1;
+    double reach = ldexp(0.5 * (p->hi - p->lo), -far), from = last ? 0.0 : 0.5 * reach, w = (reach - from) / p->each;
+    *begin = upper ? p->hi - reach + n * w : p->lo + from + n * w;
+    return w;
+}
+
+/* The row at x of a piece whose rows have several widths.  scale: rows per metre there. */
+static const double *uneven_row(const ts_piece *p, const double *table, double x, double *t, double *scale)
+{
+    int octave = 0;
+    double begin;
+    if (p->kind == TS_OPEN) {
+        double place = 1.0 + (x - p->lo) * p->scale;
+        if (place >= 2.0) octave = ilogb(place) < TS_OCTAVES ? ilogb(place) : TS_OCTAVES - 1;
+    } else {
+        double half = 0.5 * (p->hi - p->lo);
+        int upper = x - p->lo > half, count = p->octaves[upper];
+        double part = (upper ? p->hi - x : x - p->lo) / half; /* 1 in the middle */
+        int far = part >= 1.0 ? 0 : part > 0.0 && -1 - ilogb(part) < count ? -1 - ilogb(part) : count - 1;
+        octave = upper ? p->octaves[0] + far : p->octaves[0] - 1 - far;
+    }
+    double w = ts_row_width(p, octave * p->each, &begin), place = (x - begin) / w;
+    int i = place > 0.0 ? (place < p->each ? (int)place : p->each - 1) : 0;
     *t = place - i;
-    *scale = p->scale * each / from;
-    return table + TS_ROW * (p->first + octave * each + i);
+    *scale = 1.0 / w;
+    return table + TS_ROW * (p->first + octave * p->each + i);
 }
 
 /* `reach` rows past a piece's ends its formula goes on as a straight line.  Takes from t what lies beyond. */
@@ -86,9 +109,9 @@ static double other_force(const ts_piece *p, const double *table, double reach, 
         *stiffness = k;
         return p->force + k * (x - p->lo);
     }
-    if (p->kind != TS_OPEN) return fold_force(p, table, reach, x, stiffness);
+    if (p->kind == TS_FOLD_ABOVE || p->kind == TS_FOLD_BELOW) return fold_force(p, table, reach, x, stiffness);
     double t, d, scale;
-    const double *row = open_row(p, table, x, &t, &scale);
+    const double *row = uneven_row(p, table, x, &t, &scale);
     double straight = beyond(reach, &t), f = row_force(row, t, &d);
     *stiffness = d * scale;
     return f + d * straight;
@@ -155,7 +178,7 @@ double ts_piece_energy(const ts_piece *p, const double *table, double reach, dou
     }
     if (p->kind == TS_FOLD_ABOVE || p->kind == TS_FOLD_BELOW) return fold_energy(p, table, reach, x);
     double t, slope, scale = p->scale, past = 0.0;
-    const double *row = p->kind == TS_OPEN ? open_row(p, table, x, &t, &scale) : piece_row(p, table, x, &t);
+    const double *row = p->kind == TS_ROWS ? piece_row(p, table, x, &t) : uneven_row(p, table, x, &t, &scale);
     double straight = beyond(reach, &t), area = row_area(row, t);
     if (straight != 0.0) {
         double f = row_force(row, t, &slope);
@@ -172,10 +195,10 @@ double ts_curve_energy(const ts_curve *c, int piece, double x, double k)
 /* Energies at the rows' starts, from the energy at the piece's beginning; returns that at its end. */
 double ts_piece_integrate(const ts_piece *p, double *table, double energy)
 {
-    int each = p->kind == TS_OPEN ? p->rows / TS_OCTAVES : 1, fold = p->kind == TS_FOLD_ABOVE || p->kind == TS_FOLD_BELOW;
-    double w = 1.0 / p->scale, start = energy;
+    int even = p->kind == TS_ROWS, fold = p->kind == TS_FOLD_ABOVE || p->kind == TS_FOLD_BELOW;
+    double w = 1.0 / p->scale, start = energy, begin;
     for (int i = 0; i < p->rows; i++) {
-        double *row = table + TS_ROW * (p->first + i), width = p->kind == TS_OPEN ? ldexp(w, i / each) / each : w;
+        double *row = table + TS_ROW * (p->first + i), width = even || fold ? w : ts_row_width(p, i, &begin);
         double side = p->kind == TS_FOLD_ABOVE ? -2.0 : 2.0;
         row[0] = energy;
         energy += fold ? side * w * w * (i * row_area(row, 1.0) + row_moment(row, 1.0)) : row_area(row, 1.0) * width;

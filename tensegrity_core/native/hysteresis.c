@@ -34,7 +34,7 @@ typedef struct {
 typedef struct {
     int32_t state, kind, piece; /* -1: slack; of the piece; its number, -1: not reached */
     int32_t cause[2];
-    double x[2], u[2];          /* m, at its ends: elongation, the leader's own */
+    double x[2], u[2], T[2];    /* at its ends: elongation, the leader's own, m; force, N */
     double *slack;              /* (n) elongations of the parts of a slack branch, m */
 } branch;
 
@@ -78,21 +78,41 @@ static double energy(const graph *g, double x, const double *u)
     return sum;
 }
 
-/* The parts' elongations at an end of a branch into g->u; the force there, N. */
-static double end_state(graph *g, const branch *b, int side)
+/* Elongation where the parts of a state bear T, theirs in g->on_rise; u: the leader's where it is level. */
+static double bearing(graph *g, const state *s, double T, double u)
 {
-    double force = 0.0, slope;
-    if (b->state < 0) {
-        memcpy(g->u, b->slack, sizeof(double) * (size_t)g->n);
-    } else if (g->states[b->state].leader < 0) {
-        for (int j = 0; j < g->n; j++) g->u[j] = ts_law_stop(g->part + j);
-        force = g->k * (b->x[side] - total(g, g->u));
+    for (int j = 0; j < g->n; j++) {
+        const ts_law *part = g->part + j;
+        if (s->at[j] >= part->n) g->on_rise[j] = ts_law_stop(part);
+        else if (part->s[s->at[j]].way == 0) g->on_rise[j] = u;
+        else g->on_rise[j] = ts_law_inverse(part, s->at[j], T, g->on_rise[j]);
+    }
+    return T / g->k + total(g, g->on_rise);
+}
+
+/* Ends of a branch are where its force is known, which finds parts at their extrema exactly, or folds. */
+static void set_end(graph *g, branch *b, int side)
+{
+    double slope;
+    if (b->cause[side] == BOUND || b->cause[side] == ZERO) {
+        b->x[side] = bearing(g, g->states + b->state, b->T[side], b->u[side]);
+    } else if (b->cause[side] == ENDLESS) {
+        b->x[side] = INFINITY;
     } else {
         ts_rise r = rise_of(g, b);
-        ts_rise_elongation(&r, b->u[side], &force, &slope);
+        b->x[side] = ts_rise_elongation(&r, b->u[side], b->T + side, &slope);
+    }
+}
+
+/* The parts' elongations at an end of a branch into g->u. */
+static void end_state(graph *g, branch *b, int side)
+{
+    if (b->state < 0) {
+        memcpy(g->u, b->slack, sizeof(double) * (size_t)g->n);
+    } else {
+        set_end(g, b, side);
         memcpy(g->u, g->on_rise, sizeof(double) * (size_t)g->n);
     }
-    return force;
 }
 
 static int add_branch(graph *g, branch b)
@@ -156,19 +176,22 @@ static double least_between(ts_rise *r, double a, double b, double *where)
     return fmin(fc, fd);
 }
 
-/* The stable part [u0, u1] of a falling stretch makes a branch, or two where both its ends are folds. */
-static void add_falling(graph *g, int32_t index, ts_rise *r, double u0, double u1, int cause0, int cause1)
+/* A stable part of a falling stretch makes a branch, or two where both its ends are folds. */
+static void add_falling(graph *g, branch b, double u0, int cause0, double u1, int cause1)
 {
-    double force, slope;
-    branch b = {.state = index, .kind = TS_ROWS, .cause = {cause0, cause1}, .u = {u0, u1}};
-    b.x[0] = ts_rise_elongation(r, u0, &force, &slope);
-    b.x[1] = ts_rise_elongation(r, u1, &force, &slope);
+    b.u[0] = u0;
+    b.u[1] = u1;
+    b.cause[0] = cause0;
+    b.cause[1] = cause1;
+    set_end(g, &b, 0);
+    set_end(g, &b, 1);
     if (b.x[1] - b.x[0] <= NARROW * g->length) return;
     if (cause0 == FOLD && cause1 == FOLD) {
         branch low = b, high = b;
-        low.u[1] = high.u[0] = 0.5 * (u0 + u1);
-        low.x[1] = high.x[0] = ts_rise_elongation(r, low.u[1], &force, &slope);
         low.cause[1] = high.cause[0] = JOINT;
+        low.u[1] = high.u[0] = 0.5 * (u0 + u1);
+        set_end(g, &low, 1);
+        set_end(g, &high, 0);
         low.kind = TS_FOLD_BELOW;
         high.kind = TS_FOLD_ABOVE;
         add_branch(g, low);
@@ -177,7 +200,7 @@ static void add_falling(graph *g, int32_t index, ts_rise *r, double u0, double u
     }
     if (cause0 == FOLD) b.kind = TS_FOLD_BELOW;
     if (cause1 == FOLD) b.kind = TS_FOLD_ABOVE;
-    if (!(u1 < INFINITY)) b.kind = TS_OPEN, b.cause[1] = ENDLESS;
+    if (cause1 == ENDLESS) b.kind = TS_OPEN;
     add_branch(g, b);
 }
 
@@ -191,6 +214,7 @@ static void explore_falling(graph *g, int32_t index)
     bounds(g, s, &least, &most);
     if (on->force[1] > most || on->force[0] < least) return;
     int cause0 = BOUND, cause1 = BOUND, open = 0;
+    branch all = {.state = index, .kind = TS_GRADED, .T = {fmin(most, on->force[0]), fmax(least, on->force[1])}};
     if (most < on->force[0]) a = ts_law_inverse(lead, s->at[s->leader], most, a);
     if (least > on->force[1]) {
         b = ts_law_inverse(lead, s->at[s->leader], least, a);
@@ -198,10 +222,7 @@ static void explore_falling(graph *g, int32_t index)
     }
     if (!(b > a)) return;
     if (!(b < INFINITY)) { /* a level stretch without end: dx/du = 1 */
-        branch level = {.state = index, .kind = TS_OPEN, .cause = {BOUND, ENDLESS}, .u = {a, b}, .x = {0.0, INFINITY}};
-        ts_rise r = rise_of(g, &level);
-        level.x[0] = ts_rise_elongation(&r, a, &least, &most);
-        add_branch(g, level);
+        add_falling(g, all, a, BOUND, b, ENDLESS);
         return;
     }
     ts_rise r = {g->part, s->at, g->on_rise, a, b, 1.0 / g->k, 0.0, g->n, s->leader};
@@ -212,13 +233,13 @@ static void explore_falling(graph *g, int32_t index)
             from = a;
         } else if ((now > 0.0) != (before > 0.0)) {
             double fold = fold_between(&r, last, u);
-            if (open) add_falling(g, index, &r, from, fold, cause0, FOLD);
+            if (open) add_falling(g, all, from, cause0, fold, FOLD);
             else from = fold, cause0 = FOLD;
             open = !open;
         } else if (open && i > 1 && i < SCAN) { /* may it dip below 0 between samples? */
             double t2 = fmin((i + 1.0) / SCAN, 0.997), beyond = a + (b - a) * t2 * t2 * (3.0 - 2.0 * t2), where;
             if (now < before && stability(&r, beyond) > now && least_between(&r, last, beyond, &where) < 0.0) {
-                add_falling(g, index, &r, from, fold_between(&r, last, where), cause0, FOLD);
+                add_falling(g, all, from, cause0, fold_between(&r, last, where), FOLD);
                 from = fold_between(&r, where, beyond), cause0 = FOLD;
                 u = beyond, now = stability(&r, u), i++;
             }
@@ -226,38 +247,26 @@ static void explore_falling(graph *g, int32_t index)
         last = u;
         before = now;
     }
-    if (open) add_falling(g, index, &r, from, b, cause0, cause1);
+    if (open) add_falling(g, all, from, cause0, b, cause1);
 }
 
 static void explore_rising(graph *g, int32_t index)
 {
     state *s = g->states + index;
-    double least, most, force, slope;
+    double least, most;
     bounds(g, s, &least, &most);
-    branch b = {.state = index, .kind = TS_ROWS, .cause = {least == 0.0 ? ZERO : BOUND, BOUND}};
-    if (s->leader < 0) { /* all parts are at their stops */
-        double stops = 0.0;
-        for (int j = 0; j < g->n; j++) stops += ts_law_stop(g->part + j);
-        b.kind = TS_STRAIGHT;
-        b.cause[1] = ENDLESS;
-        b.x[0] = stops + least / g->k;
-        b.x[1] = INFINITY;
-        add_branch(g, b);
-        return;
-    }
+    branch b = {.state = index, .kind = TS_GRADED, .cause = {least == 0.0 ? ZERO : BOUND, BOUND}, .T = {least, most}};
+    if (!(most < INFINITY)) b.kind = s->leader < 0 ? TS_STRAIGHT : TS_OPEN, b.cause[1] = ENDLESS; /* straight: all at their stops */
     if (most - least <= SAME * g->size) return;
     for (int j = 0; j < g->n; j++)
         if (s->at[j] < g->part[j].n && g->part[j].s[s->at[j]].force[1] == most) {
             s->leader = j;
             break;
         }
-    const ts_law *lead = g->part + s->leader;
-    b.u[0] = ts_law_inverse(lead, s->at[s->leader], least, 0.0);
-    b.u[1] = most < INFINITY ? ts_law_inverse(lead, s->at[s->leader], most, 0.0) : INFINITY;
-    ts_rise r = rise_of(g, &b);
-    b.x[0] = ts_rise_elongation(&r, b.u[0], &force, &slope);
-    b.x[1] = most < INFINITY ? ts_rise_elongation(&r, b.u[1], &force, &slope) : INFINITY;
-    if (!(most < INFINITY)) b.kind = TS_OPEN, b.cause[1] = ENDLESS;
+    for (int side = 0; side < 2 && s->leader >= 0; side++)
+        b.u[side] = ts_law_inverse(g->part + s->leader, s->at[s->leader], b.T[side], 0.0);
+    set_end(g, &b, 0);
+    set_end(g, &b, 1);
     if (b.x[1] - b.x[0] > NARROW * g->length) add_branch(g, b);
 }
 
@@ -588,7 +597,8 @@ static int32_t follow(graph *g, int32_t i, int way, double *loss)
     g->snapped = 0;
     if (b.cause[side] == ENDLESS) return -1;
     if (b.cause[side] == JOINT) return i + way;
-    double x = b.x[side], T = end_state(g, &b, side), before = energy(g, x, g->u);
+    end_state(g, &b, side);
+    double x = b.x[side], before = energy(g, x, g->u);
     if (b.state < 0) return beyond_slack(g, x);
     memcpy(g->v, g->u, sizeof(double) * (size_t)g->n);
     if (b.cause[side] == ZERO) {
@@ -599,7 +609,7 @@ static int32_t follow(graph *g, int32_t i, int way, double *loss)
         memcpy(at, g->states[b.state].at, sizeof *at * (size_t)g->n); /* the list of states may move */
         found = snap(g, x, at, g->states[b.state].leader, way);
     } else {
-        found = beyond_bound(g, &b, x, T, way);
+        found = beyond_bound(g, &b, x, b.T[side], way);
     }
     if (found >= 0 && g->snapped) *loss = fmax(0.0, before - energy(g, x, g->v));
     return found;
@@ -627,9 +637,11 @@ static int32_t snapped_on(const graph *g, const branch *b)
 }
 
 /* The piece of a branch, with its rows. */
-static void make_piece(graph *g, ts_piece *p, const branch *b)
+static void make_piece(graph *g, ts_piece *p, branch *b)
 {
-    double force = end_state(g, b, b->state < 0), start = energy(g, b->x[b->state < 0], g->u);
+    int side = b->state < 0;
+    end_state(g, b, side);
+    double force = b->T[side], start = energy(g, b->x[side], g->u);
     *p = (ts_piece){.kind = b->kind, .snapped = snapped_on(g, b), .lo = b->x[0], .hi = b->x[1], .force = force, .energy = start};
     if (b->kind == TS_SLACK || b->kind == TS_STRAIGHT) return;
     ts_rise r = rise_of(g, b);

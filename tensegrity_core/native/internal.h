@@ -36,7 +36,8 @@ enum {
     TS_SLACK,      /* no force; the energy is constant */
     TS_STRAIGHT,   /* force + k (x - lo), k the string's stiffness */
     TS_ROWS,       /* polynomials on equal subintervals of x */
-    TS_OPEN,       /* the same to infinity, on subintervals that double; rows: TS_OCTAVES times those of the first octave */
+    TS_GRADED,     /* on subintervals that halve towards both ends: `each` of them in every octave of the distance */
+    TS_OPEN,       /* to infinity, on subintervals that double: `each` in every one of TS_OCTAVES octaves */
     TS_FOLD_ABOVE, /* a fold at hi: polynomials on equal subintervals of s = sqrt(hi - x) */
     TS_FOLD_BELOW, /* a fold at lo, s = sqrt(x - lo) */
 };
@@ -45,6 +46,7 @@ typedef struct {
     int32_t kind, rows, first; /* rows of the table, and the first of them */
     int32_t up, down;          /* pieces that follow where hi and lo are passed, or -1 */
     int32_t snapped;           /* beams past their force maximum */
+    int32_t each, octaves[2];  /* rows of an octave, octaves from the lower and from the upper end */
     double lo, hi;             /* m, ends */
     double origin, scale;      /* m, rows per m: where the first row begins; of folds m^(1/2) */
     double force, energy;      /* N, J: at lo of a straight piece; the energy of a slack one */
@@ -259,6 +261,7 @@ double ts_polynomial(const double *coef, double t);
 double ts_piece_force(const ts_piece *p, const double *table, double reach, double x, double k, double *stiffness);
 double ts_piece_energy(const ts_piece *p, const double *table, double reach, double x, double k);
 double ts_piece_integrate(const ts_piece *p, double *table, double energy);
+double ts_row_width(const ts_piece *p, int row, double *begin);
 double ts_fit_row(double (*force)(void *, double), void *law, double a, double w, double *row);
 void ts_curve_chain(ts_curve *c);
 double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *stiffness);

@@ -9,6 +9,8 @@
 #include <string.h>
 
 #define WIDE 1024.0 /* m, subinterval of exact stretches without end: a power of two changes no digits */
+#define MOST_OCTAVES 40
+#define MOST_EACH 64
 #define SAMPLES 64  /* of the slope of a fitted sum, to find its extrema */
 
 enum { SPRING, BEAM, POLYNOMIAL, TABLE, PARALLEL, SERIES, KINDS }; /* as in model.py */
@@ -279,29 +281,77 @@ static double sum_force(void *at, double u)
     return sum_of(at, u, &slope);
 }
 
-/* Fit rows to a piece whose kind and ends are set (TS_ROWS and folds: as many equal ones as it takes). */
-const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
+/* As many equal rows in s as a piece with a fold takes. */
+static const char *fit_fold(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
 {
-    double last = INFINITY, fold = p->kind == TS_FOLD_ABOVE || p->kind == TS_FOLD_BELOW;
-    double origin = fold ? 0.0 : p->lo, range = fold ? sqrt(p->hi - p->lo) : p->hi - p->lo;
-    for (int n = 1;;) {
-        double worst = 0.0, w = range / n;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)n));
+    double last = INFINITY, range = sqrt(p->hi - p->lo);
+    for (p->rows = 1;; p->rows *= 2) {
+        double worst = 0.0, w = range / p->rows;
+        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
         if (!more) return "out of memory";
         *table = more;
-        for (int i = 0; i < n; i++) worst = fmax(worst, ts_fit_row(force, at, origin + i * w, w, more + TS_ROW * (*rows + i)));
-        int enough = worst <= error || (worst <= 50.0 * error && worst > 0.25 * last); /* no more digits there */
-        if (enough || n >= TS_MAX_ROWS) {
-            p->rows = n;
+        for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, more + TS_ROW * (*rows + i)));
+        if (worst <= error || p->rows >= TS_MAX_ROWS || (worst <= 50.0 * error && worst > 0.25 * last)) { /* no more digits there */
             p->first = *rows;
-            p->origin = origin;
-            p->scale = n / range;
-            *rows += n;
+            p->scale = p->rows / range;
+            *rows += p->rows;
             return NULL;
         }
         last = worst;
-        for (n *= 2; n < TS_MAX_ROWS && worst > 512.0 * error; n *= 2) worst /= 256.0; /* the error falls as the 8th power at best */
     }
+}
+
+/* How many octaves from one end of a graded piece it takes with `each` rows in an octave; 0: more rows are needed. */
+static int octaves(ts_piece *p, int upper, double (*force)(void *, double), void *at, double error)
+{
+    double row[TS_ROW], begin;
+    for (int count = 1; count <= MOST_OCTAVES; count++) {
+        int fits = 1;
+        p->octaves[upper] = count + 1;
+        for (int i = 0; i < p->each && count > 1 && fits; i++) { /* the last but one is complete now */
+            int octave = upper ? p->octaves[0] + count - 2 : 2;
+            double w = ts_row_width(p, octave * p->each + i, &begin);
+            fits = ts_fit_row(force, at, begin, w, row) <= error;
+        }
+        if (!fits) return 0;
+        p->octaves[upper] = count;
+        for (int i = 0; i < p->each && fits; i++) {
+            double w = ts_row_width(p, (upper ? p->octaves[0] + count - 1 : 0) * p->each + i, &begin);
+            fits = ts_fit_row(force, at, begin, w, row) <= error;
+        }
+        if (fits) return count;
+    }
+    return MOST_OCTAVES;
+}
+
+static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
+{
+    double begin;
+    for (p->each = 1; p->each <= MOST_EACH; p->each *= 2) {
+        p->octaves[0] = octaves(p, 0, force, at, error);
+        if (!p->octaves[0]) continue;
+        p->octaves[1] = octaves(p, 1, force, at, error);
+        if (p->octaves[1]) break;
+    }
+    if (p->each > MOST_EACH) p->each = MOST_EACH, p->octaves[0] = p->octaves[1] = 20; /* as good as it gets */
+    p->rows = p->each * (p->octaves[0] + p->octaves[1]);
+    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+    if (!more) return "out of memory";
+    *table = more;
+    p->first = *rows;
+    p->scale = 1.0;
+    *rows += p->rows;
+    for (int i = 0; i < p->rows; i++) {
+        double w = ts_row_width(p, i, &begin);
+        ts_fit_row(force, at, begin, w, more + TS_ROW * (p->first + i));
+    }
+    return NULL;
+}
+
+/* Fit rows to a piece whose kind, graded or with a fold, and ends are set. */
+const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
+{
+    return (p->kind == TS_GRADED ? fit_graded : fit_fold)(p, table, rows, force, at, error);
 }
 
 /* Append the sum on [lo, hi], which no polynomial gives: fitted, cut where its slope changes its sign. */
@@ -324,7 +374,7 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
         }
         for (int rest = 0; rest < 2; rest++) { /* up to an extremum, and on to the end where it lies in the last interval */
             double d, ends[2] = {sum_of(s, from, &d), sum_of(s, to, &d)};
-            ts_piece p = {.kind = TS_ROWS, .snapped = snapped, .lo = from, .hi = to};
+            ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
             const char *reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
             if (reason) law->reason = reason;
             append(law, (ts_stretch){p, {ends[0], ends[1]}, sign(ends[1] - ends[0]), 0});

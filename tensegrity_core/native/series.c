@@ -153,24 +153,22 @@ double ts_rise_straight(const ts_rise *r)
 /* Rows of a rise to infinity: octaves of 1 + (x - lo)/w, fitted relative to the force in each row or `size`, N. */
 const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, ts_rise *r, double w, double size)
 {
-    for (int each = 1;; each *= 2) {
-        double worst = 0.0;
-        int n = each * TS_OCTAVES;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)n));
+    p->kind = TS_OPEN;
+    p->first = *rows;
+    p->scale = 1.0 / w;
+    for (p->each = 1;; p->each *= 2) {
+        double worst = 0.0, begin;
+        p->rows = p->each * TS_OCTAVES;
+        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
         if (!more) return "out of memory";
         *table = more;
-        for (int i = 0; i < n; i++) {
-            double from = ldexp(1.0, i / each), width = w * from / each, a = p->lo + w * (from - 1.0) + (i % each) * width;
-            double *row = more + TS_ROW * (*rows + i), error = ts_fit_row(ts_rise_force, r, a, width, row);
+        for (int i = 0; i < p->rows; i++) {
+            double width = ts_row_width(p, i, &begin), *row = more + TS_ROW * (*rows + i);
+            double error = ts_fit_row(ts_rise_force, r, begin, width, row);
             worst = fmax(worst, error / fmax(size, ts_polynomial(row + 1, 1.0)));
         }
-        if (worst > TS_FIT_ERROR && n < TS_MAX_ROWS) continue;
-        p->kind = TS_OPEN;
-        p->rows = n;
-        p->first = *rows;
-        p->origin = p->lo;
-        p->scale = 1.0 / w;
-        *rows += n;
+        if (worst > TS_FIT_ERROR && p->rows < TS_MAX_ROWS) continue;
+        *rows += p->rows;
         return NULL;
     }
 }
@@ -179,7 +177,7 @@ const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, ts_rise *r, 
 static void append_rise(climb *c, ts_rise *r, double end, double top)
 {
     ts_law *law = c->law;
-    ts_piece p = {.kind = TS_ROWS, .snapped = snapped_beams(c), .lo = c->x, .hi = end};
+    ts_piece p = {.kind = TS_GRADED, .snapped = snapped_beams(c), .lo = c->x, .hi = end};
     double compliance = ts_rise_straight(r), w = fmax(c->x, 1e-3);
     const char *reason;
     if (compliance > 0.0) reason = ts_fit_line(&p, &law->table, &law->rows, c->force, 1.0 / compliance);
