@@ -9,6 +9,7 @@ import ctypes
 import sys
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_void_p
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,30 @@ STATS = ("steps", "rejected", "rhs", "jacobians", "factorisations", "transitions
 
 
 class _Transition(ctypes.Structure):
-    _fields_ = [("time", c_double), ("string", c_int32), ("before", c_int32), ("after", c_int32), ("padding", c_int32)]
+    _fields_ = [("time", c_double), ("loss", c_double)]
+    _fields_ += [("string", c_int32), ("before", c_int32), ("after", c_int32), ("padding", c_int32)]
+
+
+class _Piece(ctypes.Structure):
+    _fields_ = [("lo", c_double), ("hi", c_double), ("loss_up", c_double), ("loss_down", c_double)]
+    _fields_ += [("up", c_int32), ("down", c_int32), ("snapped", c_int32), ("slack", c_int32)]
+
+
+class Piece(NamedTuple):
+    """A piece of a string's force curve.
+
+    lo, hi: its ends, m; up, down: places of the pieces beyond hi and lo, -1: none; loss_up, loss_down: what a snap there
+    dissipates, J; snapped: beams past their force maximum; slack: the string bears nothing.
+    """
+
+    lo: float
+    hi: float
+    up: int
+    down: int
+    loss_up: float
+    loss_down: float
+    snapped: int
+    slack: bool
 
 
 _PROTOTYPES = {
@@ -56,6 +80,9 @@ _PROTOTYPES = {
     "ts_jacobian": (None, c_void_p, c_double) + (POINTER(c_double),) * 4,
     "ts_string_law": (c_int, c_void_p, c_int32, c_double, POINTER(c_double)),
     "ts_breakpoints": (c_int, c_void_p, c_int32, POINTER(c_double), c_int32),
+    "ts_piece_law": (c_int, c_void_p, c_int32, c_int32, c_double, POINTER(c_double)),
+    "ts_curve_pieces": (c_int, c_void_p, c_int32, POINTER(_Piece), c_int32),
+    "ts_slack": (c_int, c_void_p, c_int32, c_int32),
 }
 
 
@@ -211,14 +238,15 @@ class Kernel:
         """Transitions of the last step, the first 4096 of them; `transition_count` says how many there were."""
         stored = self._library.ts_transition_stored(self._sim)
         records = self._library.ts_transitions(self._sim)
-        return [Transition(r.time, r.string, r.before, r.after) for r in records[:stored]]
+        return [Transition(r.time, r.string, r.before, r.after, r.loss) for r in records[:stored]]
 
     def consequence(self, transition: Transition) -> str:
         """What a transition means for its string: 'slack', 'taut', how many of its NSH's beams are snapped where that changes,
         or '' (a kink of the force curve)."""
         pieces = transition.before, transition.after
-        if 0 in pieces:
-            return "slack" if transition.after == 0 else "taut"
+        was, is_slack = (bool(self._library.ts_slack(self._sim, transition.string, piece)) for piece in pieces)
+        if was != is_slack:
+            return "slack" if is_slack else "taut"
         before, after = (self._library.ts_snapped(self._sim, transition.string, piece) for piece in pieces)
         return f"{after} snapped" if after != before else ""
 
@@ -274,13 +302,29 @@ class Kernel:
         return Jq, Jv, ft
 
     def string_law(self, string: int, elongation: float) -> tuple[float, float, float, int]:
-        """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m)."""
+        """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m); where it has memory, on a
+        first loading."""
         out = np.empty(3)
         piece = self._library.ts_string_law(self._sim, self._string(string), elongation, _pointer(out))
         return out[0], out[1], out[2], piece
 
+    def piece_law(self, string: int, piece: int, elongation: float) -> tuple[float, float, float]:
+        """Elastic tension (N), stiffness (N/m) and energy (J) of a string on one of its pieces, continued past its ends."""
+        out = np.empty(3)
+        if self._library.ts_piece_law(self._sim, self._string(string), piece, elongation, _pointer(out)) < 0:
+            raise InputError(f"piece = {piece!r}: string {string} has {len(self.pieces(string))} pieces, counted from 0")
+        return out[0], out[1], out[2]
+
+    def pieces(self, string: int) -> list[Piece]:
+        """The pieces of a string's force curve, the first of them slack: a chain in the elongation, or a graph where the string
+        has memory."""
+        count = self._library.ts_curve_pieces(self._sim, self._string(string), None, 0)
+        rows = (_Piece * count)()
+        self._library.ts_curve_pieces(self._sim, string, rows, count)
+        return [Piece(r.lo, r.hi, r.up, r.down, r.loss_up, r.loss_down, r.snapped, bool(r.slack)) for r in rows]
+
     def breakpoints(self, string: int) -> np.ndarray:
-        """Elongations (m) at the ends of the pieces of a string's force curve, from 0."""
+        """Elongations (m) at the ends of the pieces of a string's force curve, from 0; where it has memory, on a first loading."""
         out = np.empty(self._library.ts_breakpoints(self._sim, self._string(string), None, 0))
         self._library.ts_breakpoints(self._sim, string, _pointer(out), len(out))
         return out

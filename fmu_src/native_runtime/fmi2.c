@@ -391,8 +391,8 @@ static const char *string_name(const instance *fmu, int32_t string) { return fmu
 /* What a transition means for its string, after a comma, or nothing: a kink of the force curve. */
 static const char *consequence(const instance *fmu, const ts_transition *t, char text[32])
 {
-    if (t->after == 0) return ", slack";
-    if (t->before == 0) return ", taut";
+    int slack = ts_slack(fmu->sim, t->string, t->after);
+    if (slack != ts_slack(fmu->sim, t->string, t->before)) return slack ? ", slack" : ", taut";
     int snapped = (int)ts_snapped(fmu->sim, t->string, t->after);
     if (snapped == ts_snapped(fmu->sim, t->string, t->before)) return "";
     snprintf(text, 32, ", %d snapped", snapped);

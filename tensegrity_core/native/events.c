@@ -20,14 +20,15 @@ void ts_place(ts_sim *sim, int i, int piece)
     int D = m->count[TS_D];
     double size = sim->values[m->at[TS_REST_LENGTH] + i];
     sim->piece[i] = piece;
-    sim->lo[i] = piece == 0 ? -INFINITY : c->end[piece - 1];
-    sim->hi[i] = piece == 0 ? 0.0 : piece > c->pieces ? INFINITY : c->end[piece];
+    sim->taut[i] = c->piece[piece].kind != TS_SLACK;
+    sim->lo[i] = c->piece[piece].lo;
+    sim->hi[i] = c->piece[piece].hi;
     for (int d = 0; d < D; d++) {
         size += fabs(m->s0[i * D + d]);
         for (int k = 0; k < m->term_count[i]; k++) size += fabs(sim->y[m->term[4 * i + k].offset + d]);
     }
     sim->guard[i] = 2.0 * DBL_EPSILON * size;
-    if (piece == 0 || m->damping_law != TS_TENSION_ONLY) sim->clipped[i] = 0;
+    if (!sim->taut[i] || m->damping_law != TS_TENSION_ONLY) sim->clipped[i] = 0;
     ts_bear(sim, i);
 }
 
@@ -35,27 +36,36 @@ void ts_place(ts_sim *sim, int i, int piece)
 static double raw_tension(const ts_sim *sim, int i, double gap, double rate, double *scale)
 {
     double slope, fs = ts_curve_force(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
-    double fd = sim->values[sim->m.at[TS_DAMPING] + i] * rate;
+    double fd = sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
     *scale = fabs(fs) + fabs(fd);
     return fs + fd;
 }
 
-static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->piece[i] > 0; }
+static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]; }
 
-/* Pieces of all strings from the elongations alone, at the start of a step whose inputs jumped.  An elongation on an end
- * belongs to the piece it is moving into; at rest, to the lower one. */
-void ts_place_all(ts_sim *sim)
+/* Pieces of all strings from the elongations, at the start of a step whose inputs jumped; a string with memory goes there from its
+ * present piece.  An elongation on an end belongs to the piece it is moving into; at rest, to the lower one, or where there is memory
+ * to the present one.  Returns what snaps on the way dissipate, J. */
+double ts_place_all(ts_sim *sim)
 {
+    double lost = 0.0;
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         const ts_curve *c = sim->curve + i;
         double gap, rate, scale;
         ts_string_state(sim, 0.0, sim->y, i, &gap, &rate);
-        int piece = ts_curve_piece(c, gap);
-        ts_place(sim, i, piece);
-        if (gap - sim->lo[i] <= sim->guard[i] && rate <= 0.0) ts_place(sim, i, piece - 1);
-        else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0) ts_place(sim, i, piece + 1);
+        if (c->branches) ts_place(sim, i, sim->piece[i]);
+        ts_place(sim, i, c->branches ? ts_curve_walk(c, sim->piece[i], gap, sim->guard[i], &lost) : ts_curve_piece(c, gap));
+        const ts_piece *p = c->piece + sim->piece[i];
+        if (gap - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
+            lost += p->loss_down;
+            ts_place(sim, i, p->down);
+        } else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
+            lost += p->loss_up;
+            ts_place(sim, i, p->up);
+        }
         if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
     }
+    return lost;
 }
 
 /* How far a string is past what its piece (which < S) or its clipping (which >= S) allows; positive: crossed. */
@@ -262,17 +272,35 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
     return first;
 }
 
-static void change_piece(ts_sim *sim, double tau, int i, int piece)
+static void change_piece(ts_sim *sim, double tau, int i, int piece, double loss)
 {
     ts_memory *memory = &sim->memory;
-    if (piece < 0 || piece > sim->curve[i].pieces + 1) return; /* there is none; plain strings have 0 and 1 */
+    int taut = sim->taut[i];
+    if (piece < 0) return; /* there is none */
     if (sim->transition_count < TS_MAX_TRANSITIONS)
         sim->transitions[sim->transition_count] =
-            (ts_transition){memory->time + (tau + memory->time_low), i, sim->piece[i], piece, 0};
-    sim->force_jumps |= sim->piece[i] == 0 || piece == 0; /* by its damper; NSH branches join without a jump */
+            (ts_transition){memory->time + (tau + memory->time_low), loss, i, sim->piece[i], piece, 0};
+    sim->y[2 * sim->m.nq] += loss;
+    sim->y[2 * sim->m.nq + 2] += loss;
     sim->transition_count++;
     memory->stats[TS_TRANSITIONS]++;
     ts_place(sim, i, piece);
+    sim->force_jumps |= taut != sim->taut[i] || loss > 0.0; /* by its damper, by a snap with memory; else pieces join */
+}
+
+/* A string leaves its piece at an end. */
+static void leave_piece(ts_sim *sim, double tau, int i, int up)
+{
+    const ts_piece *p = sim->curve[i].piece + sim->piece[i];
+    change_piece(sim, tau, i, up ? p->up : p->down, up ? p->loss_up : p->loss_down);
+}
+
+/* Is a taut string's tension one that it cannot bear, now that it is on another piece? */
+static void review_clipping(ts_sim *sim, int i, double gap, double rate)
+{
+    double scale;
+    if (clips(sim, i) && (sim->curve[i].branches || (sim->piece[i] == 1 && !sim->clipped[i])))
+        sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
 }
 
 /* Carry out the transition that was located at the present state, and those of strings that stand at an end too and move
@@ -282,22 +310,15 @@ void ts_switch(ts_sim *sim, double tau, int which)
     int S = sim->m.count[TS_S];
     sim->force_jumps = 0;
     for (int i = 0; i < S; i++) {
-        double gap, rate, scale;
+        double gap, rate;
         int before = sim->piece[i];
         ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        if (i == which) {
-            int up = gap - sim->hi[i] > sim->lo[i] - gap;
-            change_piece(sim, tau, i, sim->piece[i] + (up ? 1 : -1));
-        } else if (gap - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) {
-            change_piece(sim, tau, i, sim->piece[i] + 1);
-        } else if (sim->lo[i] - gap >= -2.0 * sim->guard[i] && rate < 0.0) {
-            change_piece(sim, tau, i, sim->piece[i] - 1);
-        } else if (i + S != which) {
-            continue;
-        }
+        if (i == which) leave_piece(sim, tau, i, gap - sim->hi[i] > sim->lo[i] - gap);
+        else if (gap - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
+        else if (sim->lo[i] - gap >= -2.0 * sim->guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
+        else if (i + S != which) continue;
         if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i], sim->force_jumps = 1;
-        else if (clips(sim, i) && sim->piece[i] == 1 && !sim->clipped[i])
-            sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+        else review_clipping(sim, i, gap, rate);
     }
 }
 
@@ -305,9 +326,13 @@ void ts_switch(ts_sim *sim, double tau, int which)
 void ts_catch_up(ts_sim *sim, double tau)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        double gap, rate, scale;
+        const ts_curve *c = sim->curve + i;
+        double gap, rate, scale, lost = 0.0;
         ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        if (excess(sim, i, gap, rate) > 0.0) change_piece(sim, tau, i, ts_curve_piece(sim->curve + i, gap));
+        if (excess(sim, i, gap, rate) > 0.0) {
+            int piece = c->branches ? ts_curve_walk(c, sim->piece[i], gap, 0.0, &lost) : ts_curve_piece(c, gap);
+            change_piece(sim, tau, i, piece, lost);
+        }
         if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
     }
 }

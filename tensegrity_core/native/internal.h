@@ -16,8 +16,9 @@
 #define TS_LANES 4                /* arrays that are worked on in one go are padded to a multiple of it */
 #define TS_PATIENCE 3             /* signs of stiffness that make `auto` leave the explicit method */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
-#define TS_DEGREE 7               /* of the polynomials of an NSH's force curve */
+#define TS_DEGREE 7               /* of the polynomials of force curves */
 #define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
+#define TS_OCTAVES 12             /* of an open piece */
 
 typedef struct {
     int32_t offset; /* of the block in q */
@@ -31,17 +32,34 @@ typedef struct {
     double lower, upper;          /* of a free bar: the ends are at r - lower b and r + upper b, r being the centre of mass */
 } ts_place_of_bar;
 
-/* Force curve of an NSH: pieces of polynomials in the elongation. */
+/* A piece of a string's force curve, see curve.c. */
+enum {
+    TS_SLACK,      /* no force; the energy is constant */
+    TS_STRAIGHT,   /* force + k (x - lo), k the string's stiffness */
+    TS_ROWS,       /* polynomials on equal subintervals of x */
+    TS_GRADED,     /* on subintervals that halve towards both ends: `each` of them in every octave of the distance */
+    TS_OPEN,       /* to infinity, on subintervals that double: `each` in every one of TS_OCTAVES octaves */
+    TS_FOLD_ABOVE, /* a fold at hi: polynomials on equal subintervals of s = sqrt(hi - x) */
+    TS_FOLD_BELOW, /* a fold at lo, s = sqrt(x - lo) */
+};
+
 typedef struct {
-    int32_t pieces;  /* P; 0 for a plain string */
-    int32_t *rows;   /* (P) subintervals of each piece */
-    int32_t *first;  /* (P) first row of each piece */
-    int32_t *snapped; /* (P+2) beams past their force maximum in piece 0..P+1 */
-    double *end;     /* (P+1) elongation at the pieces' ends, m */
-    double *scale;   /* (P) subintervals per metre */
-    double *table;   /* rows of TS_ROW: J, then N */
-    double force_end, energy_end; /* at the last end: N, J */
-    double reach;    /* rows past a piece's ends where its formula becomes a straight line */
+    int32_t kind, rows, first; /* rows of the table, and the first of them */
+    int32_t up, down;          /* pieces that follow where hi and lo are passed, or -1 */
+    int32_t snapped;           /* beams past their force maximum */
+    int32_t each, octaves[2];  /* rows of an octave, octaves from the lower and from the upper end */
+    double lo, hi;             /* m, ends */
+    double origin, scale;      /* m, rows per m: where the first row begins; of folds m^(1/2) */
+    double force, energy;      /* N, J: at lo of a straight piece; the energy of a slack one */
+    double loss_up, loss_down; /* J, what a snap there dissipates */
+} ts_piece;
+
+typedef struct {
+    int32_t pieces;   /* the first is slack */
+    int32_t branches; /* 1: there may be several pieces at one elongation, the string has memory */
+    ts_piece *piece;  /* (pieces) */
+    double *table;    /* rows of TS_ROW: J, then N */
+    double reach;     /* rows past a piece's ends where its formula becomes a straight line */
 } ts_curve;
 
 typedef struct {
@@ -68,7 +86,10 @@ typedef struct {
     int32_t program_ints, program_doubles;
     int32_t *beam_first;            /* (S) first of them among the Z */
     int32_t *ends;                  /* (lanes, 2) first numbers of a string's nodes in arrays (N, 2, D) */
-    int32_t *curved;                /* (H) strings that carry an NSH */
+    int32_t curved_count, damped_count;
+    int32_t *curved;                /* (curved_count) strings whose force curve is not that of a spring of their stiffness */
+    int32_t *damped;                /* (damped_count) strings with a damping law beside d */
+    int32_t *law;                   /* (S) 1: among the curved */
     ts_place_of_bar *pinned;        /* (pinned_count) */
     ts_place_of_bar *floating;      /* (floating_count) */
     int32_t *free_index;            /* (N) place among the free nodes; -1 - place among the fixed ones */
@@ -132,10 +153,11 @@ typedef struct {
 
 struct ts_sim {
     ts_model m;
-    ts_curve *curve;     /* (S); derived from the parameters nsh_Q, nsh_zeta, nsh_h; equal ones share their table */
+    ts_curve *curve;     /* (S); derived from the parameters, see curves.c; equal ones share their table */
     int32_t *curve_owner; /* (S) 1: the table is this string's */
     int32_t curves_ready;
-    double *curve_key;   /* (3 Z) parameters the curves were built from */
+    double *curve_key;   /* (2, 3 Z + S) parameters the curves were built from, and room for others */
+    ts_curve *damping;   /* (S) damping laws as functions of |rate| */
 
     /* saved */
     ts_memory memory;
@@ -159,6 +181,7 @@ struct ts_sim {
     double *base; /* (E, 5, D) position of a moved node and its first four derivatives at the step's start */
     double *base_now; /* (E, 3, D) position, velocity, acceleration at the evaluation at hand */
     double *lo, *hi; /* (S) ends of the present piece, m */
+    int32_t *taut;   /* (S) the present piece is none of the slack ones */
     double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
     double *rest, *rest_rate, *rest_bend, *rest_jerk; /* (lanes) m, m/s, m/s2, m/s3, at the step's start */
     double *rest_now, *rest_rate_now;     /* (lanes) at the evaluation at hand, where rest lengths bend */
@@ -201,7 +224,7 @@ struct ts_sim {
     double call;            /* s, length of the present call */
     int32_t may_run_ahead;  /* inputs stay */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
-    int32_t force_jumps;    /* the last transition made the force of a damper jump */
+    int32_t force_jumps;    /* the last transition made a force jump */
     int32_t dense_ready;    /* densify() has been called for the step at hand */
     int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
     ts_transition *transitions;
@@ -244,12 +267,30 @@ typedef struct {
 TS_METHODS(TS_METHOD)
 #undef TS_METHOD
 
-/* nsh.c */
-int ts_curve_build(ts_curve *c, int n, const double *Q, const double *zeta, const double *h);
-void ts_curve_free(ts_curve *c);
+/* curve.c */
+double ts_polynomial(const double *coef, double t);
+double ts_piece_force(const ts_piece *p, const double *table, double reach, double x, double k, double *stiffness);
+double ts_piece_energy(const ts_piece *p, const double *table, double reach, double x, double k);
+double ts_piece_integrate(const ts_piece *p, double *table, double energy);
+double ts_row_width(const ts_piece *p, int row, double *begin);
+double ts_fit_row(double (*force)(void *, double), void *law, double a, double w, double *row);
+void ts_curve_chain(ts_curve *c);
 double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *stiffness);
 double ts_curve_energy(const ts_curve *c, int piece, double x, double k);
+void ts_curve_free(ts_curve *c);
 int ts_curve_piece(const ts_curve *c, double x);
+int ts_curve_walk(const ts_curve *c, int piece, double x, double guard, double *loss);
+
+/* nsh.c */
+int ts_nsh_curve(ts_curve *c, int n, const double *Q, const double *zeta, const double *h);
+
+/* curves.c */
+int ts_has_memory(const ts_model *m, int string);
+const char *ts_curves_build(ts_sim *sim);
+void ts_curves_free(ts_sim *sim);
+const char *ts_dampers_build(ts_sim *sim);
+void ts_dampers_free(ts_sim *sim);
+double ts_damping_law(const ts_sim *sim, int string, double rate, double *slope);
 
 /* model.c */
 uint64_t ts_fnv(const void *bytes, size_t size);
@@ -300,7 +341,7 @@ int ts_wound_up(const ts_sim *sim);
 
 /* events.c */
 void ts_place(ts_sim *sim, int string, int piece);
-void ts_place_all(ts_sim *sim);
+double ts_place_all(ts_sim *sim);
 double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which, int *doubtful);
 void ts_switch(ts_sim *sim, double tau, int which);
 void ts_catch_up(ts_sim *sim, double tau);

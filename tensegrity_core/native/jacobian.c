@@ -14,7 +14,12 @@ ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, cons
 {
     int lanes = sim->m.lanes;
     double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
-    if (sim->m.beams[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    if (sim->m.damped_count) {
+        double by_rate;
+        ts_damping_law(sim, i, sim->gap_rate[i], &by_rate);
+        damping += exact || by_rate > 0.0 ? by_rate : 0.0;
+    }
     double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest_bend[i] + sim->rest_jerk[i] * tau;
     double rate = sim->gap_rate[i] + (sim->m.winder[i] >= 0 ? sim->rest_rate_now[i] : rest_rate);
     double density = (sim->fs[i] + sim->fd[i]) * over;
@@ -80,7 +85,7 @@ ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const i
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->count[TS_S]; i++) {
-        if (sim->piece[i] == 0 || sim->clipped[i]) continue;
+        if (!sim->taut[i] || sim->clipped[i]) continue;
         double Kq[9], Kv[9], ft[3];
         double slope = string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
         if (m->count[TS_E]) moved_ends(sim, i, Kq, Kv, ft, D);

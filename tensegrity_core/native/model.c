@@ -79,12 +79,13 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->mover, N), TAKE(m->mover_bar, m->count[TS_E]), TAKE(m->winder, S), TAKE(sim->laden, m->blocks), TAKE(sim->extra_mass, N);
     TAKE(sim->base, 5 * m->count[TS_E] * D), TAKE(sim->base_now, 3 * m->count[TS_E] * D);
     TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
-    TAKE(m->y_start, m->stride), TAKE(m->curved, m->count[TS_H]), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
+    TAKE(m->y_start, m->stride), TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
     TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
-    TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->curve_key, 3 * m->count[TS_Z]);
+    TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->damping, S);
+    TAKE(sim->curve_key, 2 * (3 * m->count[TS_Z] + S));
     TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, stride);
     TAKE(sim->slopes, 2 * sim->n_inputs), TAKE(sim->applied_slopes, 2 * sim->n_inputs);
-    TAKE(sim->integers, m->n_int), TAKE(sim->piece, S), TAKE(sim->clipped, S);
+    TAKE(sim->integers, m->n_int), TAKE(sim->piece, S), TAKE(sim->clipped, S), TAKE(sim->taut, S);
     TAKE(sim->Qf, nq), TAKE(sim->Qf_rate, nq), TAKE(sim->Qf_bend, nq), TAKE(sim->Qg, nq), TAKE(sim->inv, m->blocks);
     TAKE(sim->lo, S), TAKE(sim->hi, S), TAKE(sim->guard, S), TAKE(sim->sign_changed, S);
     TAKE(sim->margin_low, S), TAKE(sim->margin_high, S);
@@ -122,6 +123,14 @@ static const char *check(const ts_model *m)
         if (m->strings[i] < 0 || m->strings[i] >= N) return "a string names an unknown node";
     for (int i = 0; i < S; i++) {
         if (m->beams[i] < 0 || m->beams[i] > m->count[TS_Z]) return "a string has a wrong number of beams";
+        if (m->beam_law[i] < 0 || m->beam_law[i] > 1) return "a string's beams have an unknown law";
+        for (int k = 0; k < 2; k++) {
+            const int32_t *place = (k ? m->damper : m->element) + 2 * i;
+            int none = place[0] == -1 && place[1] == -1;
+            if (!none && (place[0] < 0 || place[0] >= m->program_ints || place[1] < 0 || place[1] > m->program_doubles))
+                return "a force law is not among the programs";
+        }
+        if (m->beams[i] && m->element[2 * i] >= 0) return "a string has both beams and another force law";
         beams += m->beams[i];
         with += m->beams[i] > 0;
     }
@@ -234,8 +243,11 @@ static void add_node(ts_model *m, int string, int node, double sign)
 
 static void lay_out_strings(ts_model *m)
 {
-    for (int i = 0, beam = 0, curved = 0; i < m->count[TS_S]; i++) {
-        if (m->beams[i]) m->curved[curved++] = i;
+    m->curved_count = m->damped_count = 0;
+    for (int i = 0, beam = 0; i < m->count[TS_S]; i++) {
+        m->law[i] = m->beams[i] > 0 || m->element[2 * i] >= 0;
+        if (m->law[i]) m->curved[m->curved_count++] = i;
+        if (m->damper[2 * i] >= 0) m->damped[m->damped_count++] = i;
         for (int end = 0; end < 2; end++) m->ends[2 * i + end] = 2 * m->count[TS_D] * m->strings[2 * i + end];
         add_node(m, i, m->strings[2 * i], -1.0);
         add_node(m, i, m->strings[2 * i + 1], 1.0);

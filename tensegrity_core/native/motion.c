@@ -100,9 +100,9 @@ double ts_rest_rate(const ts_sim *sim, int i, double tau)
 void ts_bear(ts_sim *sim, int i)
 {
     const ts_model *m = &sim->m;
-    int taut = sim->piece[i] > 0;
+    int taut = sim->taut[i];
     double k = sim->values[m->at[TS_STIFFNESS] + i];
-    sim->k_on[i] = taut && !m->beams[i] ? k : 0.0;
+    sim->k_on[i] = taut && !m->law[i] ? k : 0.0;
     sim->d_on[i] = taut ? sim->values[m->at[TS_DAMPING] + i] : 0.0;
 }
 
@@ -110,11 +110,6 @@ ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double gap, double *slope
 {
     const ts_curve *c = sim->curve + i;
     double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
-    if (sim->piece[i] == 0) return *slope = 0.0;
-    if (c->pieces == 0) {
-        *slope = k;
-        return k * gap;
-    }
     return ts_curve_force(c, sim->piece[i], gap, k, slope);
 }
 
@@ -123,7 +118,8 @@ double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
 {
     double slope;
     *fs = elastic(sim, i, gap, &slope);
-    return sim->piece[i] == 0 || sim->clipped[i] ? 0.0 : *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate;
+    if (!sim->taut[i] || sim->clipped[i]) return 0.0;
+    return *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
 }
 
 /* Node positions and velocities from the blocks, side by side. */
@@ -188,14 +184,24 @@ ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const doubl
     }
 }
 
-/* Elastic tension of the strings that carry an NSH. */
-static void snap_curves(ts_sim *sim)
+/* Elastic tension of the strings whose force curve is not straight. */
+static void curve_forces(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    for (int n = 0; n < m->count[TS_H]; n++) {
+    for (int n = 0; n < m->curved_count; n++) {
         int i = m->curved[n];
         double slope;
         if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[m->at[TS_STIFFNESS] + i], &slope);
+    }
+}
+
+/* Damping tension of the strings that have a law for it. */
+static void damper_forces(ts_sim *sim)
+{
+    for (int n = 0; n < sim->m.damped_count; n++) {
+        int i = sim->m.damped[n];
+        double slope;
+        if (sim->taut[i]) sim->fd[i] += ts_damping_law(sim, i, sim->gap_rate[i], &slope);
     }
 }
 
@@ -203,7 +209,7 @@ static void snap_curves(ts_sim *sim)
 static void clip(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        if (sim->piece[i] == 0) continue;
+        if (!sim->taut[i]) continue;
         double T = sim->fs[i] + sim->fd[i], margin = sim->clipped[i] ? -T : T;
         if ((T < 0.0) != (sim->clipped[i] != 0)) sim->sign_changed[i] = 1;
         if (margin < sim->margin_low[i]) sim->margin_low[i] = margin;
@@ -216,11 +222,13 @@ static void clip(ts_sim *sim)
 static void place_by_elongation(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        if (sim->gap[i] < sim->lo[i] || sim->gap[i] > sim->hi[i]) ts_place(sim, i, ts_curve_piece(sim->curve + i, sim->gap[i]));
+        double lost = 0.0;
+        if (sim->gap[i] < sim->lo[i] || sim->gap[i] > sim->hi[i])
+            ts_place(sim, i, ts_curve_walk(sim->curve + i, sim->piece[i], sim->gap[i], 0.0, &lost));
         sim->fs[i] = sim->k_on[i] * sim->gap[i];
         sim->fd[i] = sim->d_on[i] * sim->gap_rate[i];
-        if (sim->m.damping_law == TS_TENSION_ONLY && sim->piece[i] > 0) {
-            double slope, f = elastic(sim, i, sim->gap[i], &slope);
+        if (sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]) {
+            double slope, f = elastic(sim, i, sim->gap[i], &slope) + ts_damping_law(sim, i, sim->gap_rate[i], &slope);
             sim->clipped[i] = f + sim->fd[i] < 0.0;
         }
     }
@@ -253,7 +261,8 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
         stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
     }
     if (sim->unlocated) place_by_elongation(sim);
-    if (m->count[TS_H]) snap_curves(sim);
+    if (m->curved_count) curve_forces(sim);
+    if (m->damped_count) damper_forces(sim);
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
 }
 

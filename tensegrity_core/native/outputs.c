@@ -217,7 +217,7 @@ void ts_outputs(ts_sim *sim, double tau)
     out[m->at[TS_INPUT_WORK]] = sim->y[2 * m->nq + 1];
     out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];
     for (int i = 0, n = 0; i < m->count[TS_S]; i++)
-        if (m->beams[i]) sim->integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->curve[i].snapped[sim->piece[i]];
+        if (m->beams[i]) sim->integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->curve[i].piece[sim->piece[i]].snapped;
 }
 
 /* Derivatives of positions and velocities, from f = [q', q'']. */

@@ -22,7 +22,7 @@ static int too_stiff(const ts_sim *sim, double h)
     for (int i = 0; i < m->count[TS_S]; i++) {
         const ts_term *t = m->term + 4 * i;
         double inverse = 0.0;
-        if (m->beams[i] && sim->piece[i] <= sim->curve[i].pieces) continue; /* k acts once the NSH has bottomed out */
+        if (sim->curve[i].piece[sim->piece[i]].kind > TS_STRAIGHT) continue; /* k acts where the law has come to its end */
         for (int k = 0; k < m->term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inv[t[k].block];
         if (sim->values[m->at[TS_STIFFNESS] + i] * inverse > limit) return 1;
     }

@@ -17,52 +17,13 @@ static const char *const status_names[] = {
 
 static void say(ts_sim *sim, const char *text) { snprintf(sim->message, sizeof sim->message, "%s", text); }
 
-static void free_curves(ts_sim *sim)
-{
-    for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        if (sim->curve_owner[i]) ts_curve_free(sim->curve + i);
-        sim->curve_owner[i] = 0;
-    }
-    sim->curves_ready = 0;
-}
-
-static int same_beams(const ts_sim *sim, int i, int j)
-{
-    const ts_model *m = &sim->m;
-    int n = m->beams[i];
-    if (m->beams[j] != n) return 0;
-    for (int f = TS_NSH_Q; f <= TS_NSH_H; f++) {
-        const double *p = sim->values + m->at[f];
-        if (memcmp(p + m->beam_first[i], p + m->beam_first[j], sizeof(double) * (size_t)n)) return 0;
-    }
-    return 1;
-}
-
-/* Force curves from the present parameters; equal ones share a table. */
+/* Curves by the present parameters: TS_OK, or what is wrong. */
 static int build_curves(ts_sim *sim)
 {
-    const ts_model *m = &sim->m;
-    size_t bytes = 3 * sizeof(double) * (size_t)m->count[TS_Z];
-    const double *parameters = sim->values + m->at[TS_NSH_Q];
-    if (sim->curves_ready && !memcmp(sim->curve_key, parameters, bytes)) return 1;
-    free_curves(sim);
-    for (int i = 0; i < m->count[TS_S]; i++) {
-        int j = 0, first = m->beam_first[i];
-        while (j < i && !same_beams(sim, i, j)) j++;
-        if (j < i) {
-            sim->curve[i] = sim->curve[j];
-            continue;
-        }
-        sim->curve_owner[i] = 1;
-        if (!ts_curve_build(sim->curve + i, m->beams[i], sim->values + m->at[TS_NSH_Q] + first,
-                            sim->values + m->at[TS_NSH_ZETA] + first, sim->values + m->at[TS_NSH_H] + first)) {
-            free_curves(sim);
-            return 0;
-        }
-    }
-    memcpy(sim->curve_key, parameters, bytes);
-    sim->curves_ready = 1;
-    return 1;
+    const char *reason = ts_curves_build(sim);
+    if (!reason) return TS_OK;
+    say(sim, reason);
+    return strcmp(reason, "out of memory") ? TS_BAD_INPUT : TS_BAD_MODEL;
 }
 
 ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity)
@@ -76,8 +37,9 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
         free(sim);
         return NULL;
     }
-    if (ts_reset(sim) != TS_OK) {
-        snprintf(message, capacity, "%s", sim->message);
+    const char *reason = ts_dampers_build(sim);
+    if (reason || ts_reset(sim) != TS_OK) {
+        snprintf(message, capacity, "%s", reason ? reason : sim->message);
         ts_free(sim);
         return NULL;
     }
@@ -95,18 +57,16 @@ int ts_reset(ts_sim *sim)
     memset(sim->slopes, 0, 2 * sizeof(double) * (size_t)sim->n_inputs);
     sim->integers[m->int_at[TS_INT_METHOD]] = m->method_start;
     sim->transition_count = 0;
-    if (ts_check(sim, &index) == TS_OK && !build_curves(sim)) { /* else ts_initialize() will say what is wrong */
-        say(sim, "out of memory");
-        return TS_BAD_MODEL;
-    }
-    say(sim, "");
-    return TS_OK;
+    int status = ts_check(sim, &index) == TS_OK ? build_curves(sim) : TS_OK; /* else ts_initialize() will say what is wrong */
+    if (status == TS_OK) say(sim, "");
+    return status;
 }
 
 void ts_free(ts_sim *sim)
 {
     if (!sim) return;
-    free_curves(sim);
+    ts_curves_free(sim);
+    ts_dampers_free(sim);
     ts_model_free(sim);
     free(sim);
 }
@@ -130,7 +90,7 @@ int32_t ts_transition_stored(const ts_sim *sim)
 const ts_transition *ts_transitions(const ts_sim *sim) { return sim->transitions; }
 int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
 {
-    return sim->m.beams[string] && sim->curves_ready ? sim->curve[string].snapped[piece] : 0;
+    return sim->curves_ready && piece < sim->curve[string].pieces ? sim->curve[string].piece[piece].snapped : 0;
 }
 void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
 
@@ -152,10 +112,21 @@ static const char *refuse(int field, double x)
     case TS_DRUM_RADIUS:
     case TS_NSH_Q:
     case TS_NSH_H: return x > 0.0 ? NULL : "must be positive";
-    case TS_NSH_ZETA: return x > 2.0 && x < 8.0 ? NULL : "must lie between 2 and 8 (a metastable beam)";
+    case TS_NSH_ZETA: return x > 0.0 ? NULL : "must be positive";
     case TS_TOLERANCE: return x >= 1e-14 && x <= 0.1 ? NULL : "must lie between 1e-14 and 0.1";
     default: return NULL;
     }
+}
+
+/* Only a law with memory knows beams that are not metastable.  The first that is not where it must be, or -1. */
+static int wrong_beam(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    const double *zeta = sim->values + m->at[TS_NSH_ZETA];
+    for (int i = 0; i < m->count[TS_S]; i++)
+        for (int j = m->beam_first[i]; j < m->beam_first[i] + m->beams[i] && !m->beam_law[i]; j++)
+            if (!(zeta[j] > 2.0 && zeta[j] < 8.0)) return m->at[TS_NSH_ZETA] + j;
+    return -1;
 }
 
 int ts_check(ts_sim *sim, int32_t *index)
@@ -170,6 +141,12 @@ int ts_check(ts_sim *sim, int32_t *index)
             say(sim, reason);
             return TS_BAD_INPUT;
         }
+    int beam = wrong_beam(sim);
+    if (beam >= 0) {
+        *index = beam;
+        say(sim, "must lie between 2 and 8 (a metastable beam)");
+        return TS_BAD_INPUT;
+    }
     if (method < 0 || method >= TS_METHOD_COUNT) {
         *index = m->n_real + m->int_at[TS_INT_METHOD];
         say(sim, "is not a method");
@@ -212,10 +189,8 @@ int ts_initialize(ts_sim *sim, double time)
         say(sim, "the start time is not a finite number");
         return TS_BAD_STEP;
     }
-    if (!build_curves(sim)) {
-        say(sim, "out of memory");
-        return TS_BAD_MODEL;
-    }
+    status = build_curves(sim);
+    if (status != TS_OK) return status;
     int method = sim->integers[m->int_at[TS_INT_METHOD]];
     memset(&sim->memory, 0, sizeof sim->memory);
     sim->memory.time = time;
@@ -232,6 +207,7 @@ int ts_initialize(ts_sim *sim, double time)
     move_to_centres(sim);
     ts_project(sim, sim->y);
     ts_jump_bases(sim, NULL, NULL, 0.0);
+    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]); /* strings with memory come from slack; what that cost is past */
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
@@ -326,6 +302,11 @@ static int check_change(ts_sim *sim, double h)
         return TS_BAD_INPUT;
     }
     for (int i = 0; i < m->count[TS_S]; i++)
+        if (ts_has_memory(m, i) && sim->values[m->at[TS_STIFFNESS] + i] != sim->applied[m->at[TS_STIFFNESS] + i]) {
+            say(sim, "the stiffness of a string with memory (the hysteretic law) was changed after initialization");
+            return TS_BAD_INPUT;
+        }
+    for (int i = 0; i < m->count[TS_S]; i++)
         if (sim->rest_moves && shortest_rest_length(sim, i, h) < -4.0 * DBL_EPSILON * sim->rest[i]) {
             say(sim, "a rest length would become negative within the step");
             return TS_BAD_INPUT;
@@ -349,7 +330,7 @@ static int wound_up(ts_sim *sim)
     return TS_WOUND_UP;
 }
 
-/* Take over new inputs: pieces from scratch, and the jump of the stored energy goes into the input work. */
+/* Take over new inputs: pieces anew; the jump of the stored energy and what snaps dissipate go into the input work. */
 static void take_inputs(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
@@ -358,8 +339,10 @@ static void take_inputs(ts_sim *sim)
         ts_jump_bases(sim, sim->applied, sim->applied_slopes, sim->memory.last_step);
         moved = ts_kinetic_energy(sim) - sim->values[m->at[TS_KINETIC]];
     }
-    ts_place_all(sim);
-    sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before + moved;
+    double lost = ts_place_all(sim);
+    sim->y[2 * m->nq] += lost;
+    sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before + moved + lost;
+    sim->y[2 * m->nq + 2] += lost;
     ts_close_span(sim);
 }
 
@@ -486,11 +469,10 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     sim->transition_count = 0;
     if (!sim->memory.started) return TS_OK;
     swap_applied(sim);
-    int built = build_curves(sim);
-    if (built) derive(sim);
+    int status = build_curves(sim);
+    if (status == TS_OK) derive(sim);
     swap_back(sim);
-    if (!built) say(sim, "out of memory");
-    return built ? TS_OK : TS_BAD_MODEL;
+    return status;
 }
 
 int ts_output_derivatives(ts_sim *sim, double *out)
@@ -547,9 +529,14 @@ void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *J
 int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3])
 {
     if (!sim->curves_ready) return -1;
+    return ts_piece_law(sim, string, ts_curve_piece(sim->curve + string, elongation), elongation, out);
+}
+
+int ts_piece_law(const ts_sim *sim, int32_t string, int32_t piece, double elongation, double out[3])
+{
+    if (!sim->curves_ready || piece < 0 || piece >= sim->curve[string].pieces) return -1;
     const ts_curve *c = sim->curve + string;
     double k = sim->values[sim->m.at[TS_STIFFNESS] + string];
-    int piece = ts_curve_piece(c, elongation);
     out[0] = ts_curve_force(c, piece, elongation, k, out + 1);
     out[2] = ts_curve_energy(c, piece, elongation, k);
     return piece;
@@ -559,6 +546,24 @@ int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capac
 {
     if (!sim->curves_ready) return -1;
     const ts_curve *c = sim->curve + string;
-    for (int i = 0; i <= c->pieces && i < capacity; i++) out[i] = c->end[i];
-    return c->pieces + 1;
+    int count = 0;
+    for (int p = 0; p >= 0 && c->piece[p].hi < INFINITY && count <= c->pieces; p = c->piece[p].up, count++)
+        if (count < capacity) out[count] = c->piece[p].hi;
+    return count;
+}
+
+int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out, int32_t capacity)
+{
+    if (!sim->curves_ready) return -1;
+    const ts_curve *c = sim->curve + string;
+    for (int i = 0; i < c->pieces && i < capacity; i++) {
+        const ts_piece *p = c->piece + i;
+        out[i] = (ts_curve_piece_info){p->lo, p->hi, p->loss_up, p->loss_down, p->up, p->down, p->snapped, p->kind == TS_SLACK};
+    }
+    return c->pieces;
+}
+
+int ts_slack(const ts_sim *sim, int32_t string, int32_t piece)
+{
+    return sim->curves_ready && piece < sim->curve[string].pieces ? sim->curve[string].piece[piece].kind == TS_SLACK : piece == 0;
 }

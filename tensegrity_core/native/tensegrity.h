@@ -35,8 +35,9 @@ enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, T
 
 typedef struct {
     double time;    /* s */
+    double loss;    /* J, dissipated by a snap of a string with memory */
     int32_t string; /* index */
-    int32_t before; /* piece: 0 slack, 1.. pieces of the force curve */
+    int32_t before; /* piece of the force curve; 0 is slack, see ts_curve_pieces() */
     int32_t after;
     int32_t padding;
 } ts_transition;
@@ -102,7 +103,21 @@ TS_API void ts_get_state(const ts_sim *sim, double *y);
 TS_API void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy);
 TS_API void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *Jv, double *ft);
 TS_API int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3]); /* N, N/m, J; the piece */
+TS_API int ts_piece_law(const ts_sim *sim, int32_t string, int32_t piece, double elongation, double out[3]);
 TS_API int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity);   /* how many there are */
+
+/* A string's force curve as a graph: pieces in the elongation, which piece follows where one is left, and what a snap there
+ * dissipates.  A law that is a function of the elongation is a chain; one with memory has several pieces at one elongation, and
+ * ts_string_law() and ts_breakpoints() are those of a first loading. */
+typedef struct {
+    double lo, hi;             /* m */
+    double loss_up, loss_down; /* J */
+    int32_t up, down;          /* pieces beyond hi and lo; -1: none */
+    int32_t snapped, slack;    /* beams past their force maximum; 1: no tension */
+} ts_curve_piece_info;
+
+TS_API int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out, int32_t capacity); /* how many there are */
+TS_API int ts_slack(const ts_sim *sim, int32_t string, int32_t piece); /* does the string bear nothing on that piece? */
 
 #ifdef __cplusplus
 }
