@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tensegrity_core.experiments import top_nodes
 from tensegrity_core.inputs import Inputs, grid, held
 from tensegrity_core.model import Model
 
@@ -93,14 +94,6 @@ def _inputs(model: Model, times: np.ndarray):
 
 def _sine(t: float) -> float:
     return float(np.sin(2.0 * np.pi * (t - 2.0) / 2.5)) if 2.0 <= t <= 10.0 else 0.0
-
-
-def top_nodes(model: Model) -> np.ndarray:
-    """Indices of the free nodes at the largest height, within 1 % of the structure's height."""
-    height = model.nominal[:, 2]
-    reach = 0.01 * float(np.ptp(height)) + 1e-9
-    free = model.free_nodes
-    return free[height[free] >= np.max(height[free]) - reach]
 
 
 def pushed_node(model: Model) -> int:
