@@ -59,9 +59,11 @@ def _curve(data: Curve, force: str, elongation: str) -> Figure:
     figure = _figure(5.2, 3.4)
     axes = figure.subplots()
     axes.plot(100.0 * data.elongation, data.force, **NSH_LINE)
+    last = max(x for x, _ in data.marks.values())
     for name, (x, f) in data.marks.items():
         axes.plot(100.0 * x, f, "o", color="#d1495b", markersize=4)
-        axes.annotate(f"{name} {f:.2f} N", (100.0 * x, f), textcoords="offset points", xytext=(-4, 6), ha="right", fontsize=7.5)
+        place = {"xytext": (0, -12 if name == "f_min" else 6), "ha": "right" if x == last else "center"}
+        axes.annotate(f"{name} {f:.2f} N", (100.0 * x, f), textcoords="offset points", fontsize=7.5, **place)
     axes.set(xlabel=elongation, ylabel=force, ylim=(0.0, 1.12 * data.force.max()))
     return figure
 
@@ -95,7 +97,7 @@ def figure_7(data: Wave) -> Figure:
         row[0].set_ylabel(f"displacement of {data.node} in m")
     for axes in panels[-1]:
         axes.set_xlabel("t in s")
-    panels[0, 0].legend(ncols=3, loc="upper right")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right")
     return figure
 
 
@@ -129,7 +131,7 @@ def figure_9(data: Actuation) -> Figure:
                 axes.margins(x=0.0)
     for axes in panels[-1]:
         axes.set_xlabel("t in s")
-    panels[0, 0].legend(loc="upper right")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=2, loc="outside upper right")
     return figure
 
 

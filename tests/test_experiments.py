@@ -1,16 +1,27 @@
-"""The article's experiments: what they compute against closed forms, and what the command writes against what they compute."""
+"""The article's experiments: what they compute against closed forms, what the command writes against what they compute, and
+the pages of docs that come from them."""
 
 from __future__ import annotations
 
 import csv
+import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tensegrity_core import cli, experiments, nsh, one_dimensional
+from tensegrity_core import cli, experiments, nsh, one_dimensional, reference, statics
 from tensegrity_core.errors import InputError
 from tensegrity_core.experiment_figures import FIGURES
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from article import claims, measures  # noqa: E402
+from article import experiments as article_page  # noqa: E402
 
 # --- closed forms ------------------------------------------------------------------------------------------------
 
@@ -194,3 +205,66 @@ def test_oscillators_outside_their_range_are_refused():
         one_dimensional.Oscillator(1.0, 1.0, -1.0)
     with pytest.raises(InputError, match=r"force \(3,\)"):
         one_dimensional.simulate(one_dimensional.Oscillator(1.0, 1.0, 1.0), [0.0, 1.0], [1.0, 2.0, 3.0])
+
+
+# --- docs/experiments.md and docs/claims.md ----------------------------------------------------------------------
+
+
+def stored(name):
+    return json.loads((DOCS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("name", "report"), [("experiments", article_page.report), ("claims", claims.report)])
+def test_page_comes_from_its_data(name, report):
+    assert report(stored(name)) == (DOCS / f"{name}.md").read_text(encoding="utf-8")
+
+
+def test_stored_data_are_what_this_code_gives():
+    found, kept = measures.heights(experiments.system("two_bar_nsh")), stored("claims")["I"]["base"]["two_bar_nsh"]
+    assert found["z"] == pytest.approx(kept["z"], rel=1e-5)
+    assert found["snaps"] == kept["snaps"]
+    rows = read(DOCS / "figures" / "experiment_I.csv")
+    assert found["z"] == pytest.approx(rows["two_bar_nsh.n3.z"], abs=1e-8)
+
+
+def test_every_choice_was_measured():
+    data = stored("claims")
+    for experiment, variants in measures.VARIANTS.items():
+        assert list(data[experiment]) == [variant.key for variant in variants]
+        assert not [key for key, numbers in data[experiment].items() if "failure" in numbers]
+
+
+def test_a_claim_is_judged_by_its_conditions():
+    scores = {claims.YES: [True, True], claims.PARTLY: [True, False], claims.NO: [False, False]}
+    for verdict, conditions in scores.items():
+        claim = claims.Claim("II", "", lambda numbers: numbers["conditions"], lambda numbers: "")
+        assert claim.verdict({"II": {"base": {"conditions": conditions}}}) == verdict
+    assert claim.verdict({"II": {"base": {"failure": "no equilibrium"}}}) is None
+
+
+def test_printed_inertia_is_a_heavier_bar():
+    """Of a bar pinned at one end, M's entry of the other end is what the printed J makes it; its weight stays."""
+    model = experiments.system("three_bar")
+    changed = measures.printed_inertia(model)
+    C_b = reference.connectivity(np.array([[0, 1]]), 2)
+    length = float(np.mean(model.bar_length))
+    printed = reference.mass_matrix(C_b, 0.5 * np.abs(C_b), np.array([length**2 / 12.0]), np.ones(1))
+    heavier = reference.mass_matrix(C_b, 0.5 * np.abs(C_b), changed.bar_mass[:1] / 12.0, changed.bar_mass[:1])
+    assert heavier[1, 1] == pytest.approx(printed[1, 1])
+    assert changed.bar_mass * changed.gravity == pytest.approx(model.bar_mass * model.gravity)
+
+
+@pytest.mark.parametrize("change", [measures.beside, measures.weightless, measures.shortened(0.1, top=False)])
+def test_changed_structures_start_in_equilibrium(change):
+    changed = change(experiments.system("three_bar_nsh"))
+    assert np.abs(statics.residual(changed)).max() < 1e-5
+
+
+def test_turns_and_harmonics_of_known_series():
+    t = np.linspace(0.0, 10.0, 1001)[:-1]
+    w = 2.0 * np.pi / experiments.SINE_PERIOD
+    pure, rich = np.sin(w * t), np.sin(w * t) + 0.5 * np.sin(5.0 * w * t)
+    numbers = measures.motion(t, np.column_stack((pure, rich)))
+    assert numbers["turns"] == [2, 10]
+    assert numbers["harmonics"] == pytest.approx(0.25 / 2.25)
+    assert numbers["away"] == pytest.approx(0.0, abs=1e-12)
