@@ -50,7 +50,8 @@ def _duration(arguments: argparse.Namespace, experiment: Experiment) -> float | 
     if arguments.duration is None:
         return experiment.duration
     if experiment.duration is None:
-        raise InputError(f"--duration = {arguments.duration!r}: {arguments.name} is a curve, not a motion; leave the option out")
+        problem = f"--duration = {arguments.duration!r}: {arguments.name} is a curve, not a motion"
+        raise InputError(f"{problem}; leave the option out")
     return float(sample_times(arguments.duration, STEP)[-1])
 
 

@@ -301,7 +301,7 @@ class Absorption:
     runs: dict[str, one_dimensional.Motion]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Time (s), and the force (N) of the step that led there; per system x (m), x' (m/s), power (W), absorbed energy (J)."""
+        """Time (s), the force (N) of the step that led there; per system x (m), x' (m/s), power (W), absorbed energy (J)."""
         first = next(iter(self.runs.values()))
         found = {"time": first.times, "force": np.concatenate((first.force[:1], first.force))}
         for name, run in self.runs.items():

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-from article import claims, measures  # noqa: E402
+from article import claims, claims_page, measures, variants  # noqa: E402
 from article import experiments as article_page  # noqa: E402
 
 # --- closed forms ------------------------------------------------------------------------------------------------
@@ -214,7 +214,7 @@ def stored(name):
     return json.loads((DOCS / f"{name}.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("name", "report"), [("experiments", article_page.report), ("claims", claims.report)])
+@pytest.mark.parametrize(("name", "report"), [("experiments", article_page.report), ("claims", claims_page.report)])
 def test_page_comes_from_its_data(name, report):
     assert report(stored(name)) == (DOCS / f"{name}.md").read_text(encoding="utf-8")
 
@@ -229,8 +229,8 @@ def test_stored_data_are_what_this_code_gives():
 
 def test_every_choice_was_measured():
     data = stored("claims")
-    for experiment, variants in measures.VARIANTS.items():
-        assert list(data[experiment]) == [variant.key for variant in variants]
+    for experiment, chosen in variants.VARIANTS.items():
+        assert list(data[experiment]) == [variant.key for variant in chosen]
         assert not [key for key, numbers in data[experiment].items() if "failure" in numbers]
 
 
@@ -245,7 +245,7 @@ def test_a_claim_is_judged_by_its_conditions():
 def test_printed_inertia_is_a_heavier_bar():
     """Of a bar pinned at one end, M's entry of the other end is what the printed J makes it; its weight stays."""
     model = experiments.system("three_bar")
-    changed = measures.printed_inertia(model)
+    changed = variants.printed_inertia(model)
     C_b = reference.connectivity(np.array([[0, 1]]), 2)
     length = float(np.mean(model.bar_length))
     printed = reference.mass_matrix(C_b, 0.5 * np.abs(C_b), np.array([length**2 / 12.0]), np.ones(1))
@@ -254,7 +254,7 @@ def test_printed_inertia_is_a_heavier_bar():
     assert changed.bar_mass * changed.gravity == pytest.approx(model.bar_mass * model.gravity)
 
 
-@pytest.mark.parametrize("change", [measures.beside, measures.weightless, measures.shortened(0.1, top=False)])
+@pytest.mark.parametrize("change", [variants.beside, variants.weightless, variants.shortened(0.1, top=False)])
 def test_changed_structures_start_in_equilibrium(change):
     changed = change(experiments.system("three_bar_nsh"))
     assert np.abs(statics.residual(changed)).max() < 1e-5

@@ -1,40 +1,16 @@
-"""The article's claims of its sections III to V, one by one, judged by what this model gives.
+"""The article's claims of its sections III to V, one by one: what it says, and the rule by which numbers decide.
 
-Writes docs/claims.json (the measures, see measures.py), docs/claims.md and its figures docs/figures/claims*.png and .svg.  Every claim is
-a rule over the measures, so the same rule judges this model and every variant of what the article leaves open.
+The numbers are those of measures.py, so that the same rule judges this model and every variant of what the article leaves
+open (variants.py).  claims_page.py measures, judges and writes docs/claims.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import machine  # noqa: E402
-from article.measures import VARIANTS, measure  # noqa: E402
-from matplotlib.colors import ListedColormap  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-from matplotlib.patches import Patch  # noqa: E402
-from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
-
-from tensegrity_core.experiments import LIFTS  # noqa: E402
 
 YES, PARTLY, NO = "yes", "partly", "no"
 SYSTEMS = {"two_bar": "two-bar", "three_bar": "three-bar", "six_bar": "six-bar"}
-TITLES = {
-    "statics": "Systems and honeycomb (section III)",
-    "I": "Experiment I: steady heights",
-    "II": "Experiment II: square wave",
-    "III": "Experiment III: actuated strings",
-    "IV": "Experiment IV: one dimension",
-}
 #: What words of the article are taken to mean.
 LINEAR, SLIGHTLY, MUCH, LARGER, TRANSIENT, NONLINEAR, AT_REST, GAP = 0.05, 0.25, 0.5, 1.05, 0.01, 0.005, 1e-4, 1e-3
 
@@ -170,7 +146,7 @@ FIRST = (
         "I", "All top nodes have the same height.",
         lambda m: [m[name + kind]["spread"] < 1e-3 for name in SYSTEMS for kind in ("", "_nsh")],
         lambda m: "largest difference with NSH: " + each(lambda n: f"{1e3 * m[nsh(n)]['spread']:.2f} mm"),
-        note="The given coordinates are three-fold symmetric to a millimetre only; where a snap is near, one string snaps first.",
+        note="The given coordinates are symmetric to a millimetre only; where a snap is near, one string snaps first.",
     ),
     Claim(
         "I", "The vertical strings snap at the same time.",
@@ -189,10 +165,16 @@ FIRST = (
         lambda m: "with and without: " + each(lambda n: f"{1e3 * m[nsh(n)]['range']:.1f} and {1e3 * m[n]['range']:.1f} mm"),
     ),
     Claim(
+        "I", "Under the same force the systems give way more with NSH.",
+        lambda m: [a > b for name in SYSTEMS for a, b in zip(m[nsh(name)]["z"], m[name]["z"])],
+        lambda m: "height gained with NSH over that without, from the least to the largest of all lifts: " + each(
+            lambda n: "{:.1f} to {:.1f} mm".format(*_gained(m, n))),
+    ),
+    Claim(
         "I", "With NSH the reachable heights are several domains that do not intersect.",
         lambda d: [x["gap"] > GAP for name in SYSTEMS for x in d["snaps"][name]],
-        lambda d: f"smallest and largest gap at a snap: {1e3 * min(_gaps(d)):.1f} and {1e3 * max(_gaps(d)):.1f} mm, between lifts "
-        "0.01 N apart", True,
+        lambda d: f"smallest and largest gap at a snap: {1e3 * min(_gaps(d)):.1f} and {1e3 * max(_gaps(d)):.1f} mm, between "
+        "lifts 0.01 N apart", True,
     ),
     Claim(
         "I", "After 50 s the systems are at rest.",
@@ -201,6 +183,12 @@ FIRST = (
         note="The six-bar system has motions that change no string's length at first order, so no damper sees them.",
     ),
 )  # fmt: skip
+
+
+def _gained(m: dict, name: str) -> tuple[float, float]:
+    """mm: least and largest difference of the heights with and without NSH."""
+    gained = [1e3 * (a - b) for a, b in zip(m[nsh(name)]["z"], m[name]["z"])]
+    return min(gained), max(gained)
 
 
 def _gaps(d: dict) -> list[float]:
@@ -241,7 +229,7 @@ def _shown_away(found: dict[str, float]) -> str:
     return f"off the last period by {100 * found['nsh']:.1f} % of the swing with NSH, {100 * found['plain']:.1f} % without"
 
 
-def _forces(m: dict, name: str) -> tuple[float, float]:
+def forces(m: dict, name: str) -> tuple[float, float]:
     return m["nsh/500"][name], m["plain/500"][name]
 
 
@@ -251,7 +239,8 @@ SECOND = (
     Claim("II", "d = 500: the steady response with NSH is more than two times smaller.",
           lambda m: [2.0 * swing(m, "nsh", 500) < swing(m, "plain", 500)],
           lambda m: f"steady swing {swing(m, 'nsh', 500):.2f} m with, {swing(m, 'plain', 500):.2f} m without"),
-    Claim("II", "d = 50: n5 moves farther with NSH.", lambda m: _compare(m, ("nsh", 50), ("plain", 50)), lambda m: _both(m, 50)),
+    Claim("II", "d = 50: n5 moves farther with NSH.", lambda m: _compare(m, ("nsh", 50), ("plain", 50)),
+          lambda m: _both(m, 50)),
     Claim("II", "d = 5000: n5 moves farther without NSH.", lambda m: _compare(m, ("plain", 5000), ("nsh", 5000)),
           lambda m: _both(m, 5000)),
     Claim("II", "n5 moves farther at d = 50 than at d = 500.",
@@ -270,12 +259,12 @@ SECOND = (
           lambda m: [x > TRANSIENT for x in _away(m, 50, 4).values()],
           lambda m: "d = 50, fourth period: " + _shown_away(_away(m, 50, 4))),
     Claim("II", "d = 500: elastic forces of n1-n4 are much smaller with NSH.",
-          lambda m: [with_nsh <= MUCH * without for with_nsh, without in (_forces(m, "force_peak"), _forces(m, "force_mean"))],
-          lambda m: "with and without: peak {:.0f} and {:.0f} N".format(*_forces(m, "force_peak"))
-          + ", mean {:.0f} and {:.0f} N".format(*_forces(m, "force_mean")),
+          lambda m: [with_nsh <= MUCH * without for with_nsh, without in (forces(m, "force_peak"), forces(m, "force_mean"))],
+          lambda m: "with and without: peak {:.0f} and {:.0f} N".format(*forces(m, "force_peak"))
+          + ", mean {:.0f} and {:.0f} N".format(*forces(m, "force_mean")),
           note="Under 400 N the NSH bottoms out, and its string's own stiffness carries the peaks."),
-    Claim("II", "d = 500: bars carry less with NSH.", lambda m: [_forces(m, "bar_mean")[0] < _forces(m, "bar_mean")[1]],
-          lambda m: "mean over bars and time, with dampers: {:.0f} and {:.0f} N".format(*_forces(m, "bar_mean"))),
+    Claim("II", "d = 500: bars carry less with NSH.", lambda m: [forces(m, "bar_mean")[0] < forces(m, "bar_mean")[1]],
+          lambda m: "mean over bars and time, with dampers: {:.0f} and {:.0f} N".format(*forces(m, "bar_mean"))),
     Claim("II", "d = 500: the NSH's snaps show in the string's force.", lambda m: [m["nsh/500"]["snaps"] > 0],
           lambda m: f"{m['nsh/500']['snaps']} beams of n1-n4 snap in 5 s"),
     Claim("II", "NSH increase the absorption of energy (section V).",
@@ -342,190 +331,3 @@ FOURTH = (
 
 CLAIMS = (*STATICS, *FIRST, *SECOND, *THIRD, *FOURTH)
 NUMBERED = dict(enumerate(CLAIMS, 1))
-
-# --- figure ------------------------------------------------------------------------------------------------------
-
-COLOURS = {NO: "#d1495b", PARTLY: "#edae49", YES: "#1b9aaa", None: "#e6e4de"}
-RANKS = {NO: 0, PARTLY: 1, YES: 2, None: 3}
-
-
-def scanned(experiment: str) -> dict[int, Claim]:
-    return {number: claim for number, claim in NUMBERED.items() if claim.experiment == experiment and not claim.whole}
-
-
-def draw(data: dict) -> Figure:
-    """A panel per experiment: a row per variant, a column per claim."""
-    rows = [len(variants) for variants in VARIANTS.values()]
-    figure = new_figure(8.6, 0.18 * sum(rows) + 1.9)
-    panels = figure.subplots(len(rows), 1, height_ratios=rows)
-    for axes, (experiment, variants) in zip(panels, VARIANTS.items()):
-        claims = scanned(experiment)
-        ranks = [[RANKS[claim.verdict(data, variant.key)] for claim in claims.values()] for variant in variants]
-        axes.pcolormesh(ranks, cmap=ListedColormap(list(COLOURS.values())), vmin=-0.5, vmax=3.5, edgecolors="white", linewidth=1.5)
-        axes.set_xticks([i + 0.5 for i in range(len(claims))], [str(number) for number in claims])
-        axes.set_yticks([i + 0.5 for i in range(len(variants))], [variant.about.replace("`", "") for variant in variants])
-        axes.tick_params(length=0, labelsize=7.5)
-        axes.set_xlim(0, max(len(scanned(e)) for e in VARIANTS))
-        axes.invert_yaxis()
-        axes.grid(False)
-        axes.set_title(f"{TITLES[experiment]}; claims by number")
-        axes.spines[:].set_visible(False)
-    handles = [Patch(color=COLOURS[verdict], label=verdict) for verdict in (YES, PARTLY, NO)]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, title="reproduced")
-    return figure
-
-
-def draw_sweep(data: dict) -> Figure:
-    """Steady swing of n5 and peak force of n1-n4 against the damping, with and without NSH."""
-    figure = new_figure(8.6, 3.0)
-    panels = figure.subplots(1, 2)
-    damping = [float(d) for d in data["sweep"]]
-    for kind, line in (("nsh", "-o"), ("plain", "--o")):
-        runs = [both[kind] for both in data["sweep"].values()]
-        label = "with NSH" if kind == "nsh" else "without NSH"
-        panels[0].plot(damping, [run["swing"][3] for run in runs], line, color="#22252e", label=label)
-        panels[1].plot(damping, [run["force_peak"] for run in runs], line, color="#22252e", label=label)
-    panels[0].set(title="steady swing of n5", ylabel="m", ylim=(0.0, None))
-    panels[1].set(title="peak elastic force of n1-n4", ylabel="N", yscale="log")
-    for axes in panels:
-        axes.set(xscale="log", xlabel="d in N s/m")
-        axes.legend()
-    return figure
-
-
-# --- page --------------------------------------------------------------------------------------------------------
-
-
-def turned(number: int, data: dict) -> str:
-    """Variants under which the claim is judged otherwise."""
-    claim = NUMBERED[number]
-    if claim.whole:
-        return ""
-    base, found = claim.verdict(data), {YES: [], PARTLY: [], NO: []}
-    for variant in VARIANTS[claim.experiment]:
-        verdict = claim.verdict(data, variant.key)
-        if verdict not in (base, None):
-            found[verdict].append(variant.about)
-    return ". ".join(f"**{verdict}** with: {'; '.join(names)}" for verdict, names in found.items() if names) or "none"
-
-
-def claims_table(experiment: str, data: dict) -> str:
-    rows = []
-    for number, claim in NUMBERED.items():
-        if claim.experiment == experiment:
-            found = claim.found(claim.numbers(data)) + "." + (f" {claim.note}" if claim.note else "")
-            cells = [str(number), claim.says, found, f"**{claim.verdict(data)}**"]
-            rows.append(cells if experiment == "statics" else [*cells, turned(number, data)])
-    head = ["", "the article", "this model", "reproduced"]
-    return table(head if experiment == "statics" else [*head, "otherwise"], rows)
-
-
-def wave_table(data: dict) -> str:
-    """n5's swing and the string's force under every variant of II."""
-    rows = []
-    for variant in VARIANTS["II"]:
-        m = data["II"][variant.key]
-        if "failure" in m:
-            rows.append([variant.about, *["\u2013"] * 7])
-            continue
-        swings = [f"{swing(m, 'nsh', d):.2f}, {swing(m, 'plain', d):.2f}" for d in (50, 500, 5000)]
-        ways = [f"{way(m, 'nsh', d):.2f}, {way(m, 'plain', d):.2f}" for d in (50, 500, 5000)]
-        rows.append([variant.about, *swings, *ways, "{:.0f}, {:.0f}".format(*_forces(m, "force_peak"))])
-    head = ["with, without NSH", *(f"swing, m, d = {d}" for d in (50, 500, 5000)), *(f"way, m, d = {d}" for d in (50, 500, 5000))]
-    return table([*head, "peak of n1-n4, N, d = 500"], rows)
-
-
-def tally(data: dict) -> str:
-    counts = {verdict: sum(claim.verdict(data) == verdict for claim in CLAIMS) for verdict in (YES, PARTLY, NO)}
-    return f"Of {len(CLAIMS)} claims {counts[YES]} are reproduced, {counts[PARTLY]} partly, and {counts[NO]} not."
-
-
-def wave_text(data: dict) -> str:
-    """What moves n5."""
-    rise = data["rise"]
-    return (
-        "Forces of this size throw the three-bar system between two shapes: without load it stands at "
-        f"{rise['start']:.3f} m, and {rise['lift']:.1f} N on each top node are enough to lift it by {rise['gap']:.2f} m into the "
-        "other one. n5's displacement is mostly this change of shape, with NSH and without. The choices of the first figure in "
-        "numbers:"
-    )
-
-
-def sweep_text(data: dict) -> str:
-    """What the scan says of the claims that are farthest off, and at which damping they come nearer."""
-    runs = [m for m in data["II"].values() if "failure" not in m]
-    ratios = [swing(m, "nsh", 500) / swing(m, "plain", 500) for m in runs]
-    less = [f"{float(d):g}" for d, both in data["sweep"].items() if both["nsh"]["swing"][3] < both["plain"]["swing"][3]]
-    weak = [f"{float(d):g}" for d, both in data["sweep"].items() if both["nsh"]["force_peak"] <= MUCH * both["plain"]["force_peak"]]
-    heavy = [str(n) for n, claim in scanned("II").items() if (claim.verdict(data), claim.verdict(data, "d_times_10")) == (NO, YES)]
-    return (
-        f"n5's steady swing at d = 500 with NSH is {min(ratios):.2f} to {max(ratios):.2f} times that without, over all "
-        f"{len(ratios)} choices; " + ("none halves it. " if min(ratios) >= 0.5 else "some halve it. ") + "Damping changes most: of "
-        f"the dampings below, the swing is smaller with NSH at d = {', '.join(less)} N s/m, and the peak force of n1-n4 at most "
-        f"half as large at d = {', '.join(weak)} N s/m. With every d ten times as large, claims that are not reproduced come out: "
-        f"{', '.join(heavy) or 'none'}."
-    )
-
-
-WORDS = (
-    f"'Almost linear': within {100 * LINEAR:.0f} % of the range. 'Just above': by up to {100 * SLIGHTLY:.0f} %. 'Much less': at most "
-    f"half. 'Larger' of a coordinate's swing: by {100 * (LARGER - 1):.0f} % in every coordinate. A transient: more than "
-    f"{100 * TRANSIENT:.0f} % of the swing. 'Cyclic': successive periods within 10 % of the way; 'nonlinear': more than "
-    f"{100 * NONLINEAR:.1f} % of the power in higher harmonics. At rest: below {AT_REST:g} m/s. Domains: gaps of more than "
-    f"{1e3 * GAP:.0f} mm. n5 moves farther: in its largest distance from the start within 5 s, and in its steady swing (the norm "
-    "of the three coordinates' swings over the ninth and tenth period)."
-)
-
-
-def report(data: dict) -> str:
-    """docs/claims.md."""
-    where = data["machine"]
-    blocks = [
-        "# The article's claims",
-        "What sections III to V of the article say of its four experiments, and what this model gives: the article's equations with "
-        "the corrected moment of inertia (J = m/12 in M), the exact NSH law, and transitions located. "
-        "[experiments.md](experiments.md) has the figures; the article's own curves were not at hand to be laid over, only its "
-        "text. " + tally(data),
-        "Each claim is a rule over measured numbers, *partly* where some of its conditions hold. The article's words are taken to "
-        "mean: " + WORDS,
-        "The article leaves open: the prestress of the two-bar and the six-bar system, what a damper does while its string shortens, "
-        "what follows beyond the NSH's end at 9 cm, whether an NSH string keeps its damper, the wave's sign and phase, gravity of "
-        f"the 3D systems, and all numbers of experiment IV. The NSH's law stays the article's, single-valued. The last column says which other choice changes a verdict; lifts are "
-        f"the article's, {LIFTS[0]} to {LIFTS[-1]} N in steps of {LIFTS[1] - LIFTS[0]} N.",
-        "![Verdicts under every choice](figures/claims.png)",
-    ]
-    for experiment, title in TITLES.items():
-        blocks += [f"## {title}", claims_table(experiment, data)]
-        if experiment == "II":
-            blocks += [wave_text(data), wave_table(data), sweep_text(data)]
-            blocks.append("![Swing and string force against the damping](figures/claims_damping.png)")
-    blocks.append(
-        f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers stand "
-        "in [claims.json](claims.json). Written by `python benchmarks/article/claims.py`; `--redraw` writes the page and the figure "
-        "again from that file ([SVG](figures/claims.svg))."
-    )
-    return wrapped("\n\n".join(blocks)) + "\n"
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write page and figure again from claims.json, without measuring")
-    options = parser.parse_args()
-    path = options.output / "claims.json"
-    if options.redraw:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    else:
-        began, where = time.perf_counter(), machine.describe()
-        data = plain({"machine": where, **measure(), "seconds": time.perf_counter() - began}, 6)
-        options.output.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(data, separators=(",", ":")).replace('},"', '},\n"') + "\n", encoding="utf-8")
-    with style():
-        save(draw(data), options.output / "figures" / "claims")
-        save(draw_sweep(data), options.output / "figures" / "claims_damping")
-    (options.output / "claims.md").write_text(report(data), encoding="utf-8")
-    print(tally(data))
-
-
-if __name__ == "__main__":
-    main()

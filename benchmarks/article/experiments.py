@@ -76,8 +76,8 @@ def report(data: dict) -> str:
     where = data["machine"]
     blocks = [
         "# The article's experiments",
-        "The experiments of the article's sections III and IV, computed by the kernel and drawn in the article's form. Solid lines "
-        "are with NSH, dashed ones without. What they say of the article's statements: [claims.md](claims.md).",
+        "The experiments of the article's sections III and IV, computed by the kernel and drawn in the article's form. Solid "
+        "lines are with NSH, dashed ones without. What they say of the article's statements: [claims.md](claims.md).",
     ]
     for name, (title, text) in SECTIONS.items():
         files = f"Command: `tensegrity experiment {name}`. Data: [CSV](figures/experiment_{name}.csv)."
