@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from . import nsh as law
 from .errors import InputError
@@ -97,6 +96,8 @@ def simulate(oscillator: Oscillator, times: np.ndarray, force: np.ndarray) -> Mo
 
 def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.ndarray) -> np.ndarray:
     """(len(times), 2) states under a constant force, from the state at times[0]."""
+    from scipy.integrate import solve_ivp  # here, since the command imports this module and it would slow every start
+
     found, t, row = np.empty((len(times), 2)), times[0], 0
     while True:
         piece = oscillator.piece(*state, force)
