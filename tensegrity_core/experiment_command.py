@@ -12,10 +12,11 @@ from .export import write_columns
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.usage = "%(prog)s NAME [options]"  # NAME first: --systems takes all that follows it
     about = "; ".join(f"{name}: {experiment.about}" for name, experiment in EXPERIMENTS.items())
     parser.add_argument("name", metavar="NAME", choices=EXPERIMENTS, help=about)
     parser.add_argument("--output", metavar="DIR", default=".", help="folder for the files, made if absent (default: this one)")
-    parser.add_argument("--duration", type=float, help="simulated time, s (default: the article's)")
+    parser.add_argument("--duration", type=float, help="simulated time, s (default: in full length)")
     parser.add_argument("--systems", nargs="+", choices=SYSTEMS, help="of I and III: which systems (default: all)")
 
 
