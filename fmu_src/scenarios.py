@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tensegrity_core.experiments import top_nodes
 from tensegrity_core.inputs import Inputs, grid, held
 from tensegrity_core.model import Model
 
@@ -118,14 +119,6 @@ def _shaking(model: Model):
 def _currents(model: Model):
     """t -> (A,) currents that swing about those of the start."""
     return lambda t: model.current * (1.0 + SWINGING * np.sin(SWINGS * t))
-
-
-def top_nodes(model: Model) -> np.ndarray:
-    """Indices of the free nodes at the largest height, within 1 % of the structure's height."""
-    height = model.nominal[:, 2]
-    reach = 0.01 * float(np.ptp(height)) + 1e-9
-    free = model.free_nodes
-    return free[height[free] >= np.max(height[free]) - reach]
 
 
 def pushed_node(model: Model) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 from . import statics
 from .command import Command, constant_force, model_of, no_arguments, positive, sample_times, scene_argument
 from .errors import InputError, TensegrityError
+from .experiment_command import COMMAND as EXPERIMENT
 from .export import replacing, require_writable, write_result
 from .fields import METHODS
 from .inputs import Inputs, held
@@ -246,6 +247,7 @@ COMMANDS = (
     Command("tower", "write the scene file of a tower of any number of stages", _tower_arguments, tower),
     Command("simulate", "simulate a scene under constant forces", _simulate_arguments, simulate),
     Command("animate", "film a scene under constant forces as a GIF", _animate_arguments, animate),
+    EXPERIMENT,
     Command("schema", "print the JSON schema of scene files", no_arguments, schema),
 )
 

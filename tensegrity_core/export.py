@@ -53,6 +53,12 @@ def write_result(model: Model, result: Result, path: Path) -> None:
             np.savez_compressed(temporary, **_arrays(model, result))
 
 
+def write_columns(series: dict[str, np.ndarray], path: Path) -> None:
+    """Write series of equal length as a .csv file, whole or not at all.  Raises InputError where it cannot be written."""
+    with replacing(path) as temporary:
+        _write_csv(series, temporary)
+
+
 def _write_csv(series: dict[str, np.ndarray], path: Path) -> None:
     """Numbers as their shortest text that reads back to the same value."""
     with open(path, "w", encoding="utf-8", newline="\n") as file:

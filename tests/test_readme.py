@@ -43,6 +43,8 @@ WRITTEN = {
         "mast.gif",
         "scene.schema.json",
         "three_bar_nsh.png",
+        "experiment_I.csv",
+        "results/experiment_IV_figure_10.svg",
     ),
     "docs/fmu.md": ("dist/native/three_bar_nsh.fmu",),
 }
