@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tensegrity_core import cli, experiments, nsh, one_dimensional, reference, statics
+from tensegrity_core import cli, equations, experiments, nsh, one_dimensional, statics
 from tensegrity_core.errors import InputError
 from tensegrity_core.experiment_figures import FIGURES
 
@@ -246,10 +246,10 @@ def test_printed_inertia_is_a_heavier_bar():
     """Of a bar pinned at one end, M's entry of the other end is what the printed J makes it; its weight stays."""
     model = experiments.system("three_bar")
     changed = variants.printed_inertia(model)
-    C_b = reference.connectivity(np.array([[0, 1]]), 2)
+    C_b = equations.connectivity(np.array([[0, 1]]), 2)
     length = float(np.mean(model.bar_length))
-    printed = reference.mass_matrix(C_b, 0.5 * np.abs(C_b), np.array([length**2 / 12.0]), np.ones(1))
-    heavier = reference.mass_matrix(C_b, 0.5 * np.abs(C_b), changed.bar_mass[:1] / 12.0, changed.bar_mass[:1])
+    printed = equations.mass_matrix(C_b, 0.5 * np.abs(C_b), np.array([length**2 / 12.0]), np.ones(1))
+    heavier = equations.mass_matrix(C_b, 0.5 * np.abs(C_b), changed.bar_mass[:1] / 12.0, changed.bar_mass[:1])
     assert heavier[1, 1] == pytest.approx(printed[1, 1])
     assert changed.bar_mass * changed.gravity == pytest.approx(model.bar_mass * model.gravity)
 
