@@ -1,0 +1,614 @@
+"""Equilibrium paths: steady states under a load that grows, solved instead of waited for.
+
+A `Loading` moves external forces and rest lengths with one parameter p.  Equilibria over p form a path; `follow` traces it
+by pseudo-arclength continuation (Keller 1977; Allgower and Georg, "Introduction to numerical continuation methods", 2003,
+chapters 2, 6 and 8), so it turns round at limit points and goes on along unstable branches.
+
+Between the ends of the pieces of the strings' force curves (slack and taut, the pieces of an NSH) everything is smooth.
+As in the dynamics, each string keeps its piece over a step, its law going on smoothly beyond the end; where a string
+passes the end of its piece, the path is solved for the point where it arrives there, the piece changes, and the path goes
+on from that point with the tangent of the new pieces.  So no corrector ever straddles a kink.
+
+On the path these points are special:
+
+* kink: a string changes its piece;
+* limit: p has an extremum; under growing load a stable path ends there (a snap), the tangent stiffness is singular;
+* loose: strings go slack, and what is left has motions that nothing resists; the path ends in a continuum of equilibria;
+* branch: an eigenvalue of the tangent stiffness passes zero while p goes on, as at the buckling of a symmetric structure;
+  other paths cross there, `branches` follows them.
+
+Limit and branch points are roots along the arc of dp/ds, or of the eigenvalue; they are found to round-off.
+A path is measured in metres: ds^2 = |dx|^2 + (c dp)^2 with the free nodes' coordinates x, c = `scale`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from . import statics
+from .errors import InputError, TensegrityError
+from .model import Model
+from .string_laws import StringLaws
+
+LONGEST = 0.02  # longest step, as part of the shortest bar
+WHOLE_WAY = 0.05  # what all of p's way weighs in the arc, as part of the shortest bar
+SHORTEST = 1e-12  # shortest step, m
+TURN = 0.15  # rad: a step over which the path's direction turns by more is repeated shorter
+NEWTON = 8  # corrector steps after which a step is repeated shorter
+SETTLED = 1e-9  # m: a Newton step below this is the last one
+TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its end
+MOST_POINTS = 20_000
+MOST_TOUCHING = 8  # strings that arrive at the ends of their pieces together
+
+
+class PathError(TensegrityError):
+    """A path that cannot be followed."""
+
+
+@dataclass(frozen=True)
+class Loading:
+    """force + p force_direction: (N, 3) N; rest_length + p rest_length_direction: (S,) m; None: no force, the model's rest
+    lengths, no change."""
+
+    model: Model
+    force_direction: np.ndarray | None = None
+    rest_length_direction: np.ndarray | None = None
+    force: np.ndarray | None = None
+    rest_length: np.ndarray | None = None
+
+    def __post_init__(self):
+        nodes, strings = self.model.nodes.shape, self.model.rest_length.shape
+        defaults = {"force_direction": np.zeros(nodes), "rest_length_direction": np.zeros(strings)}
+        defaults |= {"force": np.zeros(nodes), "rest_length": self.model.rest_length}
+        for name, default in defaults.items():
+            given = getattr(self, name)
+            value = default if given is None else np.asarray(given, dtype=float)
+            if value.shape != default.shape or not np.isfinite(value).all():
+                raise InputError(f"{name} = {given!r}: give finite numbers of shape {default.shape}")
+            object.__setattr__(self, name, value)
+        if not (self.force_direction[self.model.free_nodes].any() or self.rest_length_direction.any()):
+            raise InputError("force_direction and rest_length_direction are zero at every free node and string; "
+                             "give a load that moves")
+
+    def forces(self, parameter: float) -> np.ndarray:
+        """(N, 3) N."""
+        return self.force + parameter * self.force_direction
+
+    def rest_lengths(self, parameter: float) -> np.ndarray:
+        """(S,) m."""
+        return self.rest_length + parameter * self.rest_length_direction
+
+    def model_at(self, parameter: float, nodes: np.ndarray) -> Model:
+        """The model with its start at nodes (N, 3) m, and with the rest lengths there."""
+        return replace(self.model, nodes=nodes, rest_length=self.rest_lengths(parameter))
+
+
+# --- equations ---------------------------------------------------------------------------------------------------
+
+
+class Tangent(NamedTuple):
+    """The equations at one configuration, along r orthonormal directions that keep the bars' lengths.
+
+    basis: (n, r); pull: (r,) N, the unbalanced force; stiffness: (r, r) N/m; push: (r,) N, derivative of the pull by p;
+    growth: (S, n), derivatives of the strings' lengths by the free coordinates; stretch: (S,) m; tension: (S,) N.
+    """
+
+    basis: np.ndarray
+    pull: np.ndarray
+    stiffness: np.ndarray
+    push: np.ndarray
+    growth: np.ndarray
+    stretch: np.ndarray
+    tension: np.ndarray
+
+
+class Equations:
+    """Equilibrium of a model under a loading, in the n coordinates of its free nodes; dense matrices throughout."""
+
+    def __init__(self, loading: Loading):
+        self.loading, self.model = loading, loading.model
+        model = self.model
+        statics._require_small(model, "following an equilibrium path")
+        self.laws = StringLaws(model)
+        self.place = statics.places(model)
+        self.size = statics._freedoms(model)
+        self._differences = self._incidence(model.strings)  # (S, D, n)
+        self._bars = self._incidence(model.bars)
+        held = np.where(model.fixed[:, None], model.nodes, 0.0)[:, model.axes]
+        self._string_offset = held[model.strings[:, 1]] - held[model.strings[:, 0]]
+        self._bar_offset = held[model.bars[:, 1]] - held[model.bars[:, 0]]
+        self._flat = self._differences.reshape(-1, self.size)
+        self._flat_bars = self._bars.reshape(-1, self.size)
+        self._string_squares = np.einsum("sdi,sdj->sij", self._differences, self._differences).reshape(len(model.strings), -1)
+        self._bar_squares = np.einsum("sdi,sdj->sij", self._bars, self._bars).reshape(len(model.bars), -1)
+        self.bar_length = statics._lengths(model.nominal, model.bars)
+        dead = statics.loads(model, loading.force)
+        self.dead, self.live = statics._rows(model, dead), statics._rows(model, loading.force_direction)
+        self._free_ends = 2.0 - model.fixed[model.bars[:, 0]] - model.fixed[model.bars[:, 1]]
+        self._prepare_basis()
+
+    def _incidence(self, ends: np.ndarray) -> np.ndarray:
+        """(M, D, n): how the vector along each member follows from the free coordinates."""
+        matrix = np.zeros((len(ends), len(self.model.axes), self.size + 1))
+        member, axis = np.ogrid[: len(ends), : len(self.model.axes)]
+        matrix[member, axis, self.place[ends[:, 1]]] += 1.0
+        matrix[member, axis, self.place[ends[:, 0]]] -= 1.0
+        return matrix[:, :, :-1]
+
+    def _prepare_basis(self) -> None:
+        """Which columns a bar's turns and shifts have; see statics._Surface._basis."""
+        model, D = self.model, len(self.model.axes)
+        first, second = self.place[model.bars[:, 0]], self.place[model.bars[:, 1]]
+        afloat = (first[:, 0] >= 0) & (second[:, 0] >= 0)
+        turns = len(model.bars) * (D - 1)
+        self._rank = turns + int(afloat.sum()) * D
+        self._still = np.zeros((self.size + 1, self._rank))  # the last row takes what fixed nodes would get
+        shifts = turns + np.arange(self._rank - turns).reshape(-1, D)
+        for end in (first, second):
+            self._still[end[afloat], shifts] = np.sqrt(0.5)
+        self._turning = np.arange(turns).reshape(-1, 1, D - 1)
+        self._first, self._second = first[:, :, None], second[:, :, None]
+        self._share = np.where(afloat, np.sqrt(0.5), 1.0)[:, None, None]
+        self._lever_first = np.where(first[:, :1] < 0, 0.0, np.where(second[:, :1] < 0, -1.0, -0.5))
+        self._lever_second = np.where(second[:, :1] < 0, 0.0, np.where(first[:, :1] < 0, 1.0, 0.5))
+
+    def free(self, nodes: np.ndarray) -> np.ndarray:
+        """(n,) free coordinates of nodes (N, 3)."""
+        return nodes[self.model.free_nodes][:, self.model.axes].ravel()
+
+    def nodes(self, free: np.ndarray) -> np.ndarray:
+        """(N, 3) m."""
+        nodes = self.model.nodes.copy()
+        nodes[np.ix_(self.model.free_nodes, self.model.axes)] = free.reshape(-1, len(self.model.axes))
+        return nodes
+
+    def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Free coordinates after a step (n,), bars brought back to their lengths: about the fixed end or the centre."""
+        free = free + step
+        bar = (self._flat_bars @ free).reshape(self._bar_offset.shape) + self._bar_offset
+        excess = bar * (self.bar_length / np.sqrt(np.einsum("bd,bd->b", bar, bar)) - 1.0)[:, None]
+        padded = np.append(free, 0.0)
+        padded[self._first[:, :, 0]] += self._lever_first * excess
+        padded[self._second[:, :, 0]] += self._lever_second * excess
+        return padded[:-1]
+
+    def stretch(self, free: np.ndarray, parameter: float) -> np.ndarray:
+        """(S,) m."""
+        along = (self._flat @ free).reshape(self._string_offset.shape) + self._string_offset
+        return np.sqrt(np.einsum("sd,sd->s", along, along)) - self.loading.rest_lengths(parameter)
+
+    def at(self, free: np.ndarray, parameter: float, piece: np.ndarray) -> Tangent:
+        """The equations with the strings on these pieces (S,)."""
+        along = (self._flat @ free).reshape(self._string_offset.shape) + self._string_offset
+        length = np.sqrt(np.einsum("sd,sd->s", along, along))
+        stretch = length - self.loading.rest_lengths(parameter)
+        tension, stiffness = self.laws(stretch, piece)
+        growth = np.einsum("sd,sdi->si", along / length[:, None], self._differences)
+        total = self.dead + parameter * self.live - tension @ growth
+        bar = (self._flat_bars @ free).reshape(self._bar_offset.shape) + self._bar_offset
+        felt = (self._flat_bars @ total).reshape(bar.shape)
+        squared = np.einsum("bd,bd->b", bar, bar)
+        bar_density = np.einsum("bd,bd->b", bar, felt) / (self._free_ends * squared)
+        density = tension / length
+        full = (growth.T * (stiffness - density)) @ growth
+        full += (density @ self._string_squares + bar_density @ self._bar_squares).reshape(full.shape)
+        basis = self._basis(bar, squared)
+        push = self.live + (stiffness * self.loading.rest_length_direction) @ growth
+        return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, stretch, tension)
+
+    def _basis(self, bar: np.ndarray, squared: np.ndarray) -> np.ndarray:
+        """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), and shifts of those afloat."""
+        mirror = bar / np.sqrt(squared)[:, None]
+        mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
+        scaled = 2.0 * mirror / np.einsum("bd,bd->b", mirror, mirror)[:, None]
+        across = (np.eye(bar.shape[1]) - mirror[:, :, None] * scaled[:, None, :])[:, :, :-1] * self._share
+        basis = self._still.copy()
+        basis[self._first, self._turning] = -across
+        basis[self._second, self._turning] = across
+        return basis[:-1]
+
+    def energy(self, free: np.ndarray, parameter: float) -> float:
+        """J: strings less the work of the loads, from the coordinates' origin."""
+        stretch = self.stretch(free, parameter)
+        return float(self.laws.energy(stretch, self.laws.piece_of(stretch)).sum() - (self.dead + parameter * self.live) @ free)
+
+
+# --- points and paths --------------------------------------------------------------------------------------------
+
+
+class Point(NamedTuple):
+    """An equilibrium on a path.
+
+    parameter: p; free: (n,) m; piece: (S,) of each string (after the point, at a kink); direction: (n+1,) unit tangent,
+    the last entry that of c p; values: (r,) N/m, rising eigenvalues of the tangent stiffness; arc: m, from the path's
+    start; kind: '', 'kink', 'limit', 'branch', 'loose'; tension: (S,) N.
+    """
+
+    parameter: float
+    free: np.ndarray
+    piece: np.ndarray
+    direction: np.ndarray
+    values: np.ndarray
+    arc: float
+    kind: str
+    tension: np.ndarray
+
+    @property
+    def unstable(self) -> int:
+        """Number of directions in which the potential energy falls."""
+        return int((self.values < -statics.NEUTRAL * np.abs(self.values).max(initial=0.0)).sum())
+
+    @property
+    def stable(self) -> bool:
+        return self.unstable == 0
+
+
+@dataclass
+class Path:
+    """Points in the order in which they were met, and why the path ends: 'to' (p reached its goal), 'from' (p came back
+    past its start), 'loose' (see the module), 'points' (as many as allowed) or, where it was to end with its stability,
+    'limit', 'branch' or 'kink'."""
+
+    equations: Equations
+    scale: float
+    points: list[Point] = field(default_factory=list)
+    end: str = ""
+
+    @property
+    def parameters(self) -> np.ndarray:
+        return np.array([p.parameter for p in self.points])
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """(K, N, 3) m."""
+        return np.array([self.equations.nodes(p.free) for p in self.points])
+
+    @property
+    def stable(self) -> np.ndarray:
+        """(K,) bool."""
+        return np.array([p.stable for p in self.points])
+
+    def special(self, kind: str) -> list[Point]:
+        return [p for p in self.points if p.kind == kind]
+
+    def at(self, parameter: float) -> list[Point]:
+        """Every equilibrium of the path at this p, in order of arc, stable or not; solved, not interpolated."""
+        found = []
+        for before, after in zip(self.points, self.points[1:]):
+            low, high = sorted((before.parameter, after.parameter))
+            if low <= parameter < high or parameter == after.parameter and after is self.points[-1]:
+                found.append(_between(self.equations, self.scale, before, after, parameter))
+        return found
+
+
+def _between(equations: Equations, scale: float, before: Point, after: Point, parameter: float) -> Point:
+    """The equilibrium at p between two neighbouring points: cubic interpolation, then Newton's method at that p."""
+    span = after.parameter - before.parameter
+    part = 0.0 if span == 0.0 else (parameter - before.parameter) / span
+    slopes = [p.direction[:-1] / p.direction[-1] * scale * span if p.direction[-1] else None for p in (before, after)]
+    way = after.free - before.free
+    guess = part * way
+    if all(s is not None and np.linalg.norm(s) < 3.0 * np.linalg.norm(way) for s in slopes):
+        guess = guess + part * (1.0 - part) * ((1.0 - part) * (slopes[0] - way) + part * (way - slopes[1]))
+    free = equations.moved(before.free, guess)
+    solved = _newton(equations, scale, free, parameter, before.piece, np.append(np.zeros(equations.size), 1.0), SETTLED)
+    if solved is None:
+        raise PathError(f"no equilibrium was found at p = {parameter!r} between two points of the path")
+    return _point(equations, scale, *solved, before.piece, before.direction, before.arc + part * (after.arc - before.arc), "")
+
+
+# --- continuation ------------------------------------------------------------------------------------------------
+
+
+def _bordered(tangent: Tangent, scale: float, row: np.ndarray) -> np.ndarray:
+    """(r+1, r+1): [K, -g/c; row], in the unknowns (y, c p); row: (n+1,)."""
+    r = len(tangent.pull)
+    matrix = np.empty((r + 1, r + 1))
+    matrix[:r, :r], matrix[:r, r] = tangent.stiffness, tangent.push / -scale
+    matrix[r, :r], matrix[r, r] = row[:-1] @ tangent.basis, row[-1]
+    return matrix
+
+
+def _newton(equations, scale, free, parameter, piece, row, settled, event=None):
+    """Solve equilibrium and row . (x, c p) = its value at the guess, or, with event = (string, elongation), that the
+    string has this elongation.  Returns free, parameter, the tangent at the last iterate; None where it does not converge."""
+    last = np.inf
+    for _ in range(NEWTON):
+        tangent = equations.at(free, parameter, piece)
+        right = np.append(tangent.pull, 0.0)
+        if event is not None:
+            string, goal = event
+            row = np.append(tangent.growth[string], -equations.loading.rest_length_direction[string] / scale)
+            right[-1] = goal - tangent.stretch[string]
+        try:
+            step = np.linalg.solve(_bordered(tangent, scale, row), right)
+        except np.linalg.LinAlgError:
+            return None
+        size = float(np.sqrt(step @ step))
+        if not size < 0.5 * last or not np.isfinite(size):
+            return None if not last <= 1e3 * settled else (free, parameter, tangent)
+        free = equations.moved(free, tangent.basis @ step[:-1])
+        parameter = float(parameter + step[-1] / scale)
+        if size <= settled:
+            return free, parameter, tangent
+        last = size
+    return None
+
+
+def _direction(tangent: Tangent, scale: float, along: np.ndarray) -> np.ndarray | None:
+    """(n+1,) unit tangent of the path, on the side of `along` (n+1,)."""
+    right = np.zeros(len(tangent.pull) + 1)
+    right[-1] = 1.0
+    try:
+        found = np.linalg.solve(_bordered(tangent, scale, along), right)
+    except np.linalg.LinAlgError:
+        return None
+    direction = np.append(tangent.basis @ found[:-1], found[-1])
+    size = np.sqrt(direction @ direction)
+    return direction / size if np.isfinite(size) and size > 0.0 else None
+
+
+def _point(equations, scale, free, parameter, tangent, piece, along, arc, kind) -> Point | None:
+    """The point at an equilibrium whose tangent is known up to a step of round-off."""
+    direction = _direction(tangent, scale, along)
+    if direction is None:
+        return None
+    values = np.linalg.eigvalsh(tangent.stiffness)
+    return Point(float(parameter), free, piece, direction, values, arc, kind, tangent.tension)
+
+
+class _Follower:
+    """Traces one path from a point on."""
+
+    def __init__(self, equations: Equations, scale: float, start: Point, longest: float):
+        self.equations, self.scale, self.longest = equations, scale, longest
+        self.path = Path(equations, scale, [start])
+        self.step = 0.25 * longest
+
+    @property
+    def here(self) -> Point:
+        return self.path.points[-1]
+
+    def advance(self) -> list[Point]:
+        """The next points: one, or a special point and what follows it."""
+        while True:
+            if self.step < SHORTEST:
+                raise PathError(f"the path cannot be followed beyond p = {self.here.parameter!r}: a step of "
+                                f"{self.step:.1e} m fails; try other loads, or start from another state")
+            trial = self._corrected(self.here, self.step)
+            turn = np.inf if trial is None else _angle(self.here.direction, trial.direction)
+            if turn > TURN:
+                self.step *= 0.25 if not np.isfinite(turn) or turn > 4.0 * TURN else 0.5
+                continue
+            arrived = self._arrival(self.here, trial)
+            if arrived is not None:
+                trial = arrived
+            found = [*self._special(self.here, trial), trial]
+            self.step = min(self.longest, self.step * min(2.0, 0.6 * TURN / max(turn, 1e-9)))
+            self.path.points += found
+            return found
+
+    def _corrected(self, base: Point, step: float) -> Point | None:
+        """The path's point at a distance along the tangent at `base`, on the same pieces."""
+        way = step * base.direction
+        guess = self.equations.moved(base.free, way[:-1])
+        parameter = base.parameter + way[-1] / self.scale
+        solved = _newton(self.equations, self.scale, guess, parameter, base.piece, base.direction, SETTLED)
+        if solved is None or self._apart(solved[0], solved[1], guess, parameter) > TURN * abs(step) + 1e3 * SETTLED:
+            return None
+        return _point(self.equations, self.scale, *solved, base.piece, base.direction, base.arc + step, "")
+
+    def _apart(self, free, parameter, other_free, other_parameter) -> float:
+        """m between two points."""
+        return float(np.hypot(np.linalg.norm(free - other_free), self.scale * (parameter - other_parameter)))
+
+    # --- kinks
+
+    def _arrival(self, base: Point, trial: Point) -> Point | None:
+        """The kink at which the first string leaves its piece between the two points; None where none does."""
+        start, end = (self.equations.stretch(p.free, p.parameter) for p in (base, trial))
+        lower, upper = self.equations.laws.ends(base.piece)
+        gone = (end < lower - TOUCH) | (end > upper + TOUCH)
+        tried = set()
+        while gone.any():
+            goal = np.where(end > upper, upper, lower)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                part = np.where(gone, (goal - start) / (end - start), np.inf)
+            part[list(tried)] = np.inf
+            first = int(np.argmin(part))
+            if not np.isfinite(part[first]):
+                return None
+            tried.add(first)
+            found = self._at_end(base, trial, float(np.clip(part[first], 0.0, 1.0)), first, float(goal[first]))
+            if found is None:
+                continue
+            free, parameter, _ = found
+            stretch = self.equations.stretch(free, parameter)
+            beyond = ((stretch < lower - TOUCH) | (stretch > upper + TOUCH)) & gone
+            if not beyond.any():
+                return self._kink(base, trial, part[first], free, parameter, stretch)
+            end, gone = np.where(beyond, stretch, end), beyond
+        return None
+
+    def _at_end(self, base: Point, trial: Point, part: float, string: int, goal: float):
+        """Where between the points the string has an elongation."""
+        guess = self.equations.moved(base.free, part * (trial.free - base.free))
+        parameter = base.parameter + part * (trial.parameter - base.parameter)
+        found = _newton(self.equations, self.scale, guess, parameter, base.piece, None, SETTLED, (string, goal))
+        length = self._apart(base.free, base.parameter, trial.free, trial.parameter)
+        if found is None or self._apart(found[0], found[1], guess, parameter) > TURN * length + 1e3 * SETTLED:
+            return None
+        return found
+
+    def _kink(self, base, trial, part, free, parameter, stretch) -> Point:
+        """The point with the pieces, and the tangent, of the way on."""
+        lower, upper = self.equations.laws.ends(base.piece)
+        low = np.flatnonzero(np.abs(stretch - lower) <= TOUCH)
+        high = np.flatnonzero(np.abs(stretch - upper) <= TOUCH)
+        touching = np.concatenate([low, high])
+        below = base.piece.copy()
+        below[low] -= 1
+        if len(touching) > MOST_TOUCHING:
+            raise PathError(f"{len(touching)} strings change their pieces together at p = {parameter!r}; "
+                            f"more than {MOST_TOUCHING} at once cannot be told apart")
+        arc = base.arc + float(part) * (trial.arc - base.arc)
+        rays = [ray for ray in self._rays(free, parameter, below, touching, trial.direction, arc)
+                if not (np.array_equal(ray.piece, base.piece) and ray.direction @ trial.direction < 0.0)]
+        rays = [ray for ray in rays if _resisted(ray)]
+        if not rays:
+            tangent = self.equations.at(free, parameter, base.piece)
+            values = np.linalg.eigvalsh(tangent.stiffness)
+            return Point(parameter, free, base.piece, trial.direction, values, arc, "loose", tangent.tension)
+        return max(rays, key=lambda ray: ray.direction @ trial.direction)
+
+    def _rays(self, free, parameter, below, touching, along, arc) -> list[Point]:
+        """All ways from a kink: the pieces (each touching string on the one below or above its end) whose tangent moves
+        the strings into these very pieces."""
+        found = []
+        for up in itertools.product((1, 0), repeat=len(touching)):
+            piece = below.copy()
+            piece[touching] += np.array(up, dtype=int)
+            tangent = self.equations.at(free, parameter, piece)
+            direction = _direction(tangent, self.scale, along)
+            if direction is None:
+                continue
+            rest = self.equations.loading.rest_length_direction / self.scale
+            rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
+            for sign in (1.0, -1.0):
+                if (np.where(np.array(up, dtype=bool), sign, -sign) * rate >= -1e-9).all():
+                    values = np.linalg.eigvalsh(tangent.stiffness)
+                    found.append(Point(parameter, free, piece, sign * direction, values, arc, "kink", tangent.tension))
+        return found
+
+    # --- limit and branch points
+
+    def _special(self, base: Point, trial: Point) -> list[Point]:
+        """Limit and branch points between two points of a smooth stretch, in order of arc."""
+        end = trial if trial.kind != "kink" else self._before(base, trial)
+        found = []
+        turned = base.direction[-1] * end.direction[-1] < 0.0
+        if turned:
+            found.append(self._root(base, end, lambda p: p.direction[-1], "limit"))
+        low, high = sorted((_negative(base), _negative(end)))
+        for i in range(low, high):
+            point = self._root(base, end, lambda p: p.values[i], "branch")
+            if not (turned and abs(point.arc - found[0].arc) <= 1e-4 * max(end.arc - base.arc, 1e-9)):
+                found.append(point)
+        return sorted(found, key=lambda p: p.arc)
+
+    def _before(self, base: Point, kink: Point) -> Point:
+        """A kink as the end of the stretch that leads to it."""
+        tangent = self.equations.at(kink.free, kink.parameter, base.piece)
+        found = _point(self.equations, self.scale, kink.free, kink.parameter, tangent, base.piece, base.direction, kink.arc, "")
+        return found if found is not None else kink
+
+    def _root(self, base: Point, end: Point, test, kind: str) -> Point:
+        """Where a test function that changes its sign between the points is zero: bracketed secants (Illinois) along the
+        tangent at `base`."""
+        length = float(base.direction[:-1] @ (end.free - base.free)
+                       + base.direction[-1] * self.scale * (end.parameter - base.parameter))
+        a, fa, b, fb, best = 0.0, test(base), length, test(end), end
+        size = max(abs(fa), abs(fb))
+        for _ in range(60):
+            at = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
+            at = at if min(a, b) < at < max(a, b) else 0.5 * (a + b)
+            point = self._corrected(base, at)
+            if point is None:
+                break
+            best, value = point, test(point)
+            if value == 0.0 or abs(value) <= 1e-13 * size or abs(b - a) <= 1e-15 * max(length, 1e-6):
+                break
+            if value * fb < 0.0:
+                a, fa = b, fb
+            else:
+                fa *= 0.5
+            b, fb = at, value
+        return best._replace(kind=kind, arc=base.arc + (end.arc - base.arc) * min(max(b / length, 0.0), 1.0))
+
+
+def _negative(point: Point) -> int:
+    return int((point.values < 0.0).sum())
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))
+
+
+# --- public ------------------------------------------------------------------------------------------------------
+
+
+def scale_of(model: Model, start: float, goal: float) -> float:
+    """c, m per unit of p; see WHOLE_WAY."""
+    return WHOLE_WAY * float(model.bar_length.min()) / max(abs(goal - start), 1e-300)
+
+
+def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: float, towards: float) -> Point:
+    """The equilibrium at p next to nodes (N, 3), with its tangent in the direction in which p grows (towards > 0) or falls.
+
+    Raises PathError where Newton's method finds none, and where the structure has motions that nothing resists.
+    """
+    free = equations.moved(equations.free(nodes), np.zeros(equations.size))
+    hold = np.append(np.zeros(equations.size), 1.0)
+    piece = equations.laws.piece_of(equations.stretch(free, parameter))
+    for _ in range(20):  # the start may lie on a neighbouring piece
+        solved = _newton(equations, scale, free, parameter, piece, hold, 1e-12)
+        if solved is None:
+            break
+        stretch = equations.stretch(solved[0], parameter)
+        lower, upper = equations.laws.ends(piece)
+        if ((stretch >= lower - TOUCH) & (stretch <= upper + TOUCH)).all():
+            point = _point(equations, scale, *solved, piece, np.sign(towards) * hold, 0.0, "")
+            if point is not None and _resisted(point):
+                return point
+            break
+        piece = equations.laws.piece_of(stretch)
+    raise PathError(f"{equations.model.name}: no isolated equilibrium at p = {parameter!r} beside the start; "
+                    "settle the structure first, and fix enough nodes")
+
+
+def _resisted(point: Point) -> bool:
+    size = np.abs(point.values)
+    return bool((size > statics.NEUTRAL * size.max(initial=0.0)).all())
+
+
+def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None = None, most_points: int = MOST_POINTS,
+           stable_only: bool = False) -> Path:
+    """The path from the equilibrium beside `nodes` (N, 3; default the model's start) at p = start, setting out towards
+    p = goal, until p reaches the goal or comes back past the start.
+
+    stable_only: end at the first point beyond which the path is unstable.  Raises PathError.
+    """
+    equations = Equations(loading)
+    scale = scale_of(loading.model, start, goal)
+    first = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, start, goal - start)
+    return follow_from(equations, scale, first, start, goal, most_points, stable_only)
+
+
+def follow_from(equations, scale, first: Point, start: float, goal: float, most_points: int = MOST_POINTS,
+                stable_only: bool = False) -> Path:
+    """`follow` from a point of a path, in the direction of its tangent."""
+    follower = _Follower(equations, scale, first, LONGEST * float(equations.model.bar_length.min()))
+    path, low, high = follower.path, *sorted((start, goal))
+    while True:
+        if len(path.points) >= most_points:
+            path.end = "points"
+            return path
+        new = follower.advance()
+        for i, point in enumerate(new):
+            outside = point.parameter > high or point.parameter < low
+            if outside:
+                bound = high if point.parameter > high else low
+                before = path.points[len(path.points) - len(new) + i - 1]
+                del path.points[len(path.points) - len(new) + i :]
+                if before.parameter != bound:
+                    path.points.append(_between(equations, scale, before, point, bound))
+                path.end = "to" if bound == goal else "from"
+                return path
+            if point.kind == "loose" or stable_only and (point.kind in ("limit", "branch") or not point.stable):
+                del path.points[len(path.points) - len(new) + i + 1 :]
+                path.end = point.kind or "branch"
+                return path

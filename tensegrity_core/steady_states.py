@@ -1,0 +1,135 @@
+"""Steady states under load, solved: which of them a slow load reaches, and which one a load that comes suddenly.
+
+Slow load (`load_sweep`).  The structure follows its stable equilibrium path.  Where the path's stability ends (a limit point, a
+branch point, or a kink beyond which it is unstable) the structure moves on by itself: from there the overdamped flow
+`statics.descend` leads to the next minimum of the potential energy, and the path goes on from that.  The force curves of
+strings are single valued, so all hysteresis is that of the structure: on the way back stability ends elsewhere.
+
+Sudden load (`sudden`).  Several stable states may exist under one load, and which of them a structure reaches that is let
+go from rest at its start depends on its inertia.  With the dampers' law its energy E = kinetic + potential (loads
+included) does not grow.  A way from the basin of one state to that of another leads over a saddle, so once E is below the lowest
+saddle, the state is decided: it is where the flow leads from there.  Until then the kernel's dynamics is run, with
+the real dampers, in short spans.  Saddles are the equilibria with one unstable direction on the paths that were traced; so what
+is said holds among the states of these paths.  Where no state but one is known, the start itself decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from . import statics
+from .paths import Equations, Loading, Path, PathError, Point, _between, follow_from, point_at, scale_of
+
+#: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
+BEYOND = {"limit": 0.0, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
+
+
+class Jump(NamedTuple):
+    """The structure left one stable path for another at a parameter: the last point before, the first after, and why
+    ('limit', 'branch', 'kink', 'loose')."""
+
+    parameter: float
+    before: Point
+    after: Point
+    kind: str
+
+
+@dataclass
+class Sweep:
+    """What a slow load does: the steady state at each parameter asked for, the stable stretches of path, the jumps."""
+
+    equations: Equations
+    parameters: np.ndarray
+    states: list[Point] = field(default_factory=list)
+    stretches: list[Path] = field(default_factory=list)
+    jumps: list[Jump] = field(default_factory=list)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """(K, N, 3) m, at the parameters asked for."""
+        return np.array([self.equations.nodes(p.free) for p in self.states])
+
+
+def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) -> Sweep:
+    """The steady states that a slow load reaches, one parameter after the other, up or down.
+
+    nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
+    Raises PathError where a path cannot be followed, NoEquilibrium where the flow finds no minimum.
+    """
+    parameters = np.asarray(parameters, dtype=float)
+    equations = Equations(loading)
+    scale = scale_of(loading.model, parameters.min(), parameters.max())
+    sweep = Sweep(equations, parameters)
+    here = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, float(parameters[0]), 1.0)
+    if not here.stable:
+        raise PathError(f"the state at p = {parameters[0]!r} is not stable; start from one that is")
+    sweep.states.append(here)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
+    for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
+        here = _one_way(sweep, scale, here, parameters[first : last + 1])
+    return sweep
+
+
+def _one_way(sweep: Sweep, scale: float, here: Point, goals: np.ndarray) -> Point:
+    """Parameters that only grow, or only fall; the first is where `here` stands."""
+    equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
+    here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
+    while done < len(goals):
+        path = follow_from(equations, scale, here, -side * np.inf, float(goals[-1]), stable_only=True)
+        sweep.stretches.append(path)
+        for before, after in zip(path.points, path.points[1:]):
+            while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
+                sweep.states.append(_between(equations, scale, before, after, float(goals[done])))
+                done += 1
+        if path.end == "to":
+            return path.points[-1]
+        here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
+        while done < len(goals) and side * goals[done] <= side * here.parameter:
+            sweep.states.append(_between(equations, scale, here, here, float(goals[done])))
+            done += 1
+    return here
+
+
+def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> Point:
+    """The stable state that the flow reaches from the end of a path."""
+    equations, last = sweep.equations, path.points[-1]
+    parameter = last.parameter + side * BEYOND[path.end] * way
+    loaded = equations.loading.model_at(parameter, equations.nodes(last.free))
+    surface = FlowSurface(equations, parameter, loaded)
+    tangent = equations.at(last.free, last.parameter, last.piece)
+    if path.end == "limit":
+        escape = last.direction[:-1] / np.linalg.norm(last.direction[:-1])
+    else:
+        escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
+        escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
+    start = equations.moved(last.free, 0.1 * statics._step_limit(loaded) * escape)
+    nodes = statics.descend(surface, equations.nodes(start), surface.nearly_balanced)
+    here = point_at(equations, scale, nodes, parameter, side)
+    if not here.stable:
+        raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
+    sweep.jumps.append(Jump(parameter, last, here, path.end))
+    return here
+
+
+class FlowSurface(statics._Surface):
+    """The potential energy at one parameter, evaluated by `Equations`: what `statics.descend` needs, faster."""
+
+    def __init__(self, equations: Equations, parameter: float, loaded):
+        super().__init__(loaded, equations.loading.forces(parameter), statics._Modes)
+        self.equations, self.parameter = equations, parameter
+
+    def energy(self, nodes: np.ndarray) -> float:
+        return self.equations.energy(self.equations.free(nodes), self.parameter)
+
+    def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return self.equations.nodes(self.equations.moved(self.equations.free(nodes), step))
+
+    def at(self, nodes: np.ndarray):
+        free = self.equations.free(nodes)
+        stretch = self.equations.stretch(free, self.parameter)
+        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(stretch))
+        energy = self.equations.energy(free, self.parameter)
+        return statics._Point(energy, tangent.basis, tangent.pull, statics._Modes(tangent.stiffness))
