@@ -37,7 +37,7 @@ from .string_laws import StringLaws
 LONGEST = 0.02  # longest step, as part of the shortest bar
 WHOLE_WAY = 0.05  # what all of p's way weighs in the arc, as part of the shortest bar
 SHORTEST = 1e-12  # shortest step, m
-TURN = 0.15  # rad: a step over which the path's direction turns by more is repeated shorter
+TURN = 0.2  # rad: a step over which the path's direction turns by more is repeated shorter
 NEWTON = 8  # corrector steps after which a step is repeated shorter
 SETTLED = 1e-9  # m: a Newton step below this is the last one
 TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its end
@@ -384,10 +384,12 @@ class _Follower:
             if turn > TURN:
                 self.step *= 0.25 if not np.isfinite(turn) or turn > 4.0 * TURN else 0.5
                 continue
-            arrived = self._arrival(self.here, trial)
-            if arrived is not None:
-                trial = arrived
-            found = [*self._special(self.here, trial), trial]
+            trial = self._arrival(self.here, trial)
+            special = [] if self.here.kind in ("limit", "branch") else trial and self._special(self.here, trial)
+            if trial is None or special is None:
+                self.step *= 0.25
+                continue
+            found = [*special, trial]
             self.step = min(self.longest, self.step * min(2.0, 0.6 * TURN / max(turn, 1e-9)))
             self.path.points += found
             return found
@@ -409,7 +411,8 @@ class _Follower:
     # --- kinks
 
     def _arrival(self, base: Point, trial: Point) -> Point | None:
-        """The kink at which the first string leaves its piece between the two points; None where none does."""
+        """The kink at which the first string leaves its piece between the two points, or `trial` where none does; None
+        where a string leaves, but its kink is not found."""
         start, end = (self.equations.stretch(p.free, p.parameter) for p in (base, trial))
         lower, upper = self.equations.laws.ends(base.piece)
         gone = (end < lower - TOUCH) | (end > upper + TOUCH)
@@ -428,11 +431,11 @@ class _Follower:
                 continue
             free, parameter, _ = found
             stretch = self.equations.stretch(free, parameter)
-            beyond = ((stretch < lower - TOUCH) | (stretch > upper + TOUCH)) & gone
+            beyond = (stretch < lower - TOUCH) | (stretch > upper + TOUCH)
             if not beyond.any():
                 return self._kink(base, trial, part[first], free, parameter, stretch)
             end, gone = np.where(beyond, stretch, end), beyond
-        return None
+        return trial
 
     def _at_end(self, base: Point, trial: Point, part: float, string: int, goal: float):
         """Where between the points the string has an elongation."""
@@ -486,19 +489,20 @@ class _Follower:
 
     # --- limit and branch points
 
-    def _special(self, base: Point, trial: Point) -> list[Point]:
-        """Limit and branch points between two points of a smooth stretch, in order of arc."""
+    def _special(self, base: Point, trial: Point) -> list[Point] | None:
+        """Limit and branch points between two points of a smooth stretch, in order of arc; None where one is not found."""
         end = trial if trial.kind != "kink" else self._before(base, trial)
         found = []
         turned = base.direction[-1] * end.direction[-1] < 0.0
         if turned:
-            found.append(self._root(base, end, lambda p: p.direction[-1], "limit"))
+            found.append(self._root(base, end, lambda p: p.direction[-1], "limit", 1e-8))
         low, high = sorted((_negative(base), _negative(end)))
         for i in range(low, high):
-            point = self._root(base, end, lambda p: p.values[i], "branch")
-            if not (turned and abs(point.arc - found[0].arc) <= 1e-4 * max(end.arc - base.arc, 1e-9)):
+            point = self._root(base, end, lambda p: p.values[i], "branch", 1e-13)
+            steepest = max(abs(base.direction[-1]), abs(end.direction[-1]))
+            if point is None or not (turned and abs(point.direction[-1]) <= 1e-4 * steepest):  # else it is the limit point's own
                 found.append(point)
-        return sorted(found, key=lambda p: p.arc)
+        return None if any(p is None for p in found) else sorted(found, key=lambda p: p.arc)
 
     def _before(self, base: Point, kink: Point) -> Point:
         """A kink as the end of the stretch that leads to it."""
@@ -506,9 +510,9 @@ class _Follower:
         found = _point(self.equations, self.scale, kink.free, kink.parameter, tangent, base.piece, base.direction, kink.arc, "")
         return found if found is not None else kink
 
-    def _root(self, base: Point, end: Point, test, kind: str) -> Point:
+    def _root(self, base: Point, end: Point, test, kind: str, part: float) -> Point | None:
         """Where a test function that changes its sign between the points is zero: bracketed secants (Illinois) along the
-        tangent at `base`."""
+        tangent at `base`, until it is this part of its values there (at a limit point p is flat, so that less will do)."""
         length = float(base.direction[:-1] @ (end.free - base.free)
                        + base.direction[-1] * self.scale * (end.parameter - base.parameter))
         a, fa, b, fb, best = 0.0, test(base), length, test(end), end
@@ -518,15 +522,17 @@ class _Follower:
             at = at if min(a, b) < at < max(a, b) else 0.5 * (a + b)
             point = self._corrected(base, at)
             if point is None:
-                break
+                return None
             best, value = point, test(point)
-            if value == 0.0 or abs(value) <= 1e-13 * size or abs(b - a) <= 1e-15 * max(length, 1e-6):
+            if abs(value) <= part * size or abs(b - a) <= 1e-15 * max(length, 1e-6):
                 break
             if value * fb < 0.0:
                 a, fa = b, fb
             else:
                 fa *= 0.5
             b, fb = at, value
+        if abs(test(best)) > 1e-6 * size:
+            return None
         return best._replace(kind=kind, arc=base.arc + (end.arc - base.arc) * min(max(b / length, 0.0), 1.0))
 
 
@@ -576,23 +582,26 @@ def _resisted(point: Point) -> bool:
 
 
 def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None = None, most_points: int = MOST_POINTS,
-           stable_only: bool = False) -> Path:
+           stop: str = "") -> Path:
     """The path from the equilibrium beside `nodes` (N, 3; default the model's start) at p = start, setting out towards
     p = goal, until p reaches the goal or comes back past the start.
 
-    stable_only: end at the first point beyond which the path is unstable.  Raises PathError.
+    stop: 'unstable' ends the path at the first point beyond which it is unstable, 'stable' at the first stable one
+    after unstable ones.
+    Raises PathError.
     """
     equations = Equations(loading)
     scale = scale_of(loading.model, start, goal)
     first = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, start, goal - start)
-    return follow_from(equations, scale, first, start, goal, most_points, stable_only)
+    return follow_from(equations, scale, first, start, goal, most_points, stop)
 
 
 def follow_from(equations, scale, first: Point, start: float, goal: float, most_points: int = MOST_POINTS,
-                stable_only: bool = False) -> Path:
+                stop: str = "") -> Path:
     """`follow` from a point of a path, in the direction of its tangent."""
     follower = _Follower(equations, scale, first, LONGEST * float(equations.model.bar_length.min()))
     path, low, high = follower.path, *sorted((start, goal))
+    met_unstable = not first.stable
     while True:
         if len(path.points) >= most_points:
             path.end = "points"
@@ -608,7 +617,9 @@ def follow_from(equations, scale, first: Point, start: float, goal: float, most_
                     path.points.append(_between(equations, scale, before, point, bound))
                 path.end = "to" if bound == goal else "from"
                 return path
-            if point.kind == "loose" or stable_only and (point.kind in ("limit", "branch") or not point.stable):
+            unstable = point.kind in ("limit", "branch") or not point.stable
+            met_unstable = met_unstable or unstable
+            if point.kind == "loose" or stop == ("unstable" if unstable else "stable" if met_unstable else None):
                 del path.points[len(path.points) - len(new) + i + 1 :]
-                path.end = point.kind or "branch"
+                path.end = point.kind or ("branch" if unstable else "stable")
                 return path

@@ -648,7 +648,7 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
     _require_support(surface)
     reach = _step_limit(surface.model)
     nodes = surface.moved(nodes, np.zeros(surface.size))
-    best, found, stalled = np.inf, nodes, 0
+    best, found, stalled, pace = np.inf, nodes, 0, np.inf
     for _ in range(MAX_STEPS):
         point = surface.at(nodes)
         unbalanced = float(np.abs(point.pull).max(initial=0.0))
@@ -661,7 +661,7 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
                 return found
             nodes, best, stalled = surface.moved(found, 0.1 * reach * direction), np.inf, 0
         else:
-            nodes = _flow_step(surface, nodes, point, reach)
+            nodes, pace = _flow_step(surface, nodes, point, reach, pace)
     raise NoEquilibrium(
         f"no stable equilibrium was found: after {MAX_STEPS} steps, "
         f"{np.abs(nodes - surface.model.nodes).max():.3g} m away, {unbalanced:.3g} N are unbalanced"
@@ -692,8 +692,13 @@ def _unstable_direction(point: _Point) -> np.ndarray | None:
     return direction * np.sign(direction[np.argmax(np.abs(direction))])
 
 
-def _flow_step(surface: _Surface, nodes: np.ndarray, point: _Point, reach: float) -> np.ndarray:
-    """One step of the flow, as long as `reach` and the energy allow."""
+def _flow_step(
+    surface: _Surface, nodes: np.ndarray, point: _Point, reach: float, pace: float
+) -> tuple[np.ndarray, float]:
+    """One step of the flow, as long as `reach` and the energy allow, and the time that it took.
+
+    pace: the time that the step before took; a step without limit is tried first, then times from not much more on.
+    """
     time, slowest = np.inf, 1e9 / point.tangent.stiffest
     while True:
         way = point.tangent.way(point.pull, time, surface.balanced)
@@ -702,10 +707,10 @@ def _flow_step(surface: _Surface, nodes: np.ndarray, point: _Point, reach: float
             trial = surface.moved(nodes, step)
             # far down, the energy's round-off hides its fall: the step is then below what the energy can resolve
             if surface.energy(trial) <= point.energy + surface.energy_round_off:
-                return trial
-        time = 0.25 * time if np.isfinite(time) else slowest
+                return trial, time
+        time = 0.25 * time if np.isfinite(time) else min(slowest, 64.0 * pace)
         if time < 1e-21 * slowest:
-            return surface.moved(nodes, step)
+            return surface.moved(nodes, step), time
 
 
 def _flow(values: np.ndarray, time: float) -> np.ndarray:

@@ -9,8 +9,9 @@ Sudden load (`sudden`).  Several stable states may exist under one load, and whi
 go from rest at its start depends on its inertia.  With the dampers' law its energy E = kinetic + potential (loads
 included) does not grow.  A way from the basin of one state to that of another leads over a saddle, so once E is below the lowest
 saddle, the state is decided: it is where the flow leads from there.  Until then the kernel's dynamics is run, with
-the real dampers, in short spans.  Saddles are the equilibria with one unstable direction on the paths that were traced; so what
-is said holds among the states of these paths.  Where no state but one is known, the start itself decides.
+the real dampers, in short spans.  Saddles are the equilibria with one unstable direction on the paths that were traced, so
+other states may still hide behind lower ones that no path has met; where no saddle is known, the run goes on until what is
+left is a small swing.  Either takes a few seconds of simulated time; the rest is Newton's method.
 """
 
 from __future__ import annotations
@@ -24,7 +25,11 @@ from . import statics
 from .paths import Equations, Loading, Path, PathError, Point, _between, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
-BEYOND = {"limit": 0.0, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
+BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
+SAME = 1e-7  # m: states nearer than this are one
+FIRST_SPAN = 0.25  # s: of a sudden load, before the first look
+STILL = 2e-4  # m: a swing about a stable state that takes no structure out of its basin
+RUN_TOLERANCE = 1e-8  # of the kernel's run under a sudden load
 
 
 class Jump(NamedTuple):
@@ -78,7 +83,7 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: np.ndarray) -> Poin
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
     while done < len(goals):
-        path = follow_from(equations, scale, here, -side * np.inf, float(goals[-1]), stable_only=True)
+        path = follow_from(equations, scale, here, -side * np.inf, float(goals[-1]), stop="unstable")
         sweep.stretches.append(path)
         for before, after in zip(path.points, path.points[1:]):
             while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
@@ -101,12 +106,13 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
     surface = FlowSurface(equations, parameter, loaded)
     tangent = equations.at(last.free, last.parameter, last.piece)
     if path.end == "limit":
-        escape = last.direction[:-1] / np.linalg.norm(last.direction[:-1])
+        forward = path.points[-2 if len(path.points) > 1 else -1].direction[:-1]  # where two folds coincide, theirs is any
+        escape = forward / np.linalg.norm(forward)
     else:
         escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
         escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
     start = equations.moved(last.free, 0.1 * statics._step_limit(loaded) * escape)
-    nodes = statics.descend(surface, equations.nodes(start), surface.nearly_balanced)
+    nodes = statics.descend(surface, equations.nodes(start), surface.balanced)
     here = point_at(equations, scale, nodes, parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
@@ -133,3 +139,103 @@ class FlowSurface(statics._Surface):
         tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(stretch))
         energy = self.equations.energy(free, self.parameter)
         return statics._Point(energy, tangent.basis, tangent.pull, statics._Modes(tangent.stiffness))
+
+
+# --- all states at a load, and the one that a sudden load reaches ------------------------------------------------------
+
+
+def detours(sweep: Sweep, most_points: int = 100) -> list[Path]:
+    """The unstable branches behind the sweep's limit points, each up to where it is stable again, leaves the sweep's parameters
+    or has so many points: the saddles next to the states.  A branch that cannot be followed ends where it was lost."""
+    low, high = float(sweep.parameters.min()), float(sweep.parameters.max())
+    found = []
+    for path in sweep.stretches:
+        if path.end == "limit" and len(path.points) > 1:
+            before = path.points[-2]._replace(arc=0.0)
+            bounds = (low, high) if before.direction[-1] > 0.0 else (high, low)
+            try:
+                found.append(follow_from(sweep.equations, path.scale, before, *bounds, most_points, stop="stable"))
+            except PathError:
+                continue
+    return found
+
+
+def states_at(paths: list[Path], parameter: float) -> list[Point]:
+    """The distinct equilibria of several paths at p, stable or not, in order of energy."""
+    found: list[Point] = []
+    for path in paths:
+        for point in path.at(parameter):
+            if all(np.abs(point.free - other.free).max() > SAME for other in found):
+                found.append(point)
+    return sorted(found, key=lambda point: paths[0].equations.energy(point.free, parameter))
+
+
+class Sudden(NamedTuple):
+    """The state that a sudden load reaches: the point; its place among the stable states that were known, -1 if it is none
+    of them; the simulated time (s) that decided; why: 'energy' (it was below the lowest saddle), 'swing' (what energy was
+    left could hardly move the structure), 'time' (the span ended: the state to which the flow leads from there)."""
+
+    point: Point
+    known: int
+    time: float
+    why: str
+
+
+class SuddenLoads:
+    """A model that stands at its start until a load is there at once; for as many loads as one likes."""
+
+    def __init__(self, equations: Equations):
+        from .kernel import Kernel  # what does not ask for dynamics needs no compiled kernel
+
+        self.equations = equations
+        self._kernel = Kernel(equations.model, tolerance=RUN_TOLERANCE)
+
+    def state(self, parameter: float, known: list[Point] = (), longest: float = 50.0) -> Sudden:
+        """Where the model comes to rest under the load of p.  known: the equilibria at p, see `states_at`; longest: s."""
+        energy, stable = self.equations.energy, [point for point in known if point.stable]
+        saddles = [energy(point.free, parameter) for point in known if point.unstable == 1]
+        barrier = min(saddles, default=-np.inf) if stable else -np.inf
+        run, span, found, why = _Released(self.equations, self._kernel, parameter), FIRST_SPAN, None, "time"
+        while why == "time" and run.time < longest:
+            run.go_on(min(span, longest - run.time))
+            span *= 1.25
+            found = run.nearly_at_rest()
+            why = "energy" if run.energy < barrier else "time" if found is None else "swing"
+        point = run.flow() if found is None else found
+        place = [i for i, other in enumerate(stable) if np.abs(point.free - other.free).max() <= SAME]
+        return Sudden(point, place[0] if place else -1, run.time, why)
+
+
+class _Released:
+    """The kernel's run of a model let go under a load."""
+
+    def __init__(self, equations: Equations, kernel, parameter: float):
+        self.equations, self.parameter, self.time, self._kernel = equations, parameter, 0.0, kernel
+        self.scale = scale_of(equations.model, 0.0, parameter)
+        kernel["force"][:] = equations.free(equations.loading.forces(parameter))
+        kernel["rest_length"][:] = equations.loading.rest_lengths(parameter)
+        kernel.initialize()
+
+    def go_on(self, span: float) -> None:
+        self._kernel.step(span)
+        self.time += span
+        model = self.equations.model
+        self.free = self._kernel["position"].reshape(len(model.nodes), -1)[model.free_nodes].ravel().copy()
+        self.energy = float(self._kernel["kinetic"][0]) + self.equations.energy(self.free, self.parameter)
+
+    def nearly_at_rest(self) -> Point | None:
+        """The stable state beside, if the energy that is left moves the structure by no more than STILL about it."""
+        try:
+            point = point_at(self.equations, self.scale, self.equations.nodes(self.free), self.parameter, 1.0)
+        except PathError:
+            return None
+        left = max(self.energy - self.equations.energy(point.free, self.parameter), 0.0)
+        near = np.abs(self.free - point.free).max() <= STILL
+        return point if point.stable and near and 2.0 * left <= point.values[0] * STILL**2 else None
+
+    def flow(self) -> Point:
+        """The stable state to which the flow leads from here."""
+        nodes = self.equations.nodes(self.free)
+        surface = FlowSurface(self.equations, self.parameter, self.equations.loading.model_at(self.parameter, nodes))
+        nodes = statics.descend(surface, nodes, surface.nearly_balanced)
+        return point_at(self.equations, self.scale, nodes, self.parameter, 1.0)
