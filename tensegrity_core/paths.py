@@ -70,9 +70,12 @@ class Loading:
             if value.shape != default.shape or not np.isfinite(value).all():
                 raise InputError(f"{name} = {given!r}: give finite numbers of shape {default.shape}")
             object.__setattr__(self, name, value)
+
+    def require_motion(self) -> None:
+        """Raise InputError where nothing changes with p."""
         if not (self.force_direction[self.model.free_nodes].any() or self.rest_length_direction.any()):
             raise InputError("force_direction and rest_length_direction are zero at every free node and string; "
-                             "give a load that moves")
+                             "give a load that changes")
 
     def forces(self, parameter: float) -> np.ndarray:
         """(N, 3) N."""
@@ -123,8 +126,7 @@ class Equations:
         self._bar_offset = held[model.bars[:, 1]] - held[model.bars[:, 0]]
         self._flat = self._differences.reshape(-1, self.size)
         self._flat_bars = self._bars.reshape(-1, self.size)
-        self._string_squares = np.einsum("sdi,sdj->sij", self._differences, self._differences).reshape(len(model.strings), -1)
-        self._bar_squares = np.einsum("sdi,sdj->sij", self._bars, self._bars).reshape(len(model.bars), -1)
+        self._members = np.concatenate([self._flat, self._flat_bars])
         self.bar_length = statics._lengths(model.nominal, model.bars)
         dead = statics.loads(model, loading.force)
         self.dead, self.live = statics._rows(model, dead), statics._rows(model, loading.force_direction)
@@ -195,7 +197,7 @@ class Equations:
         bar_density = np.einsum("bd,bd->b", bar, felt) / (self._free_ends * squared)
         density = tension / length
         full = (growth.T * (stiffness - density)) @ growth
-        full += (density @ self._string_squares + bar_density @ self._bar_squares).reshape(full.shape)
+        full += (self._members.T * np.repeat(np.concatenate([density, bar_density]), bar.shape[1])) @ self._members
         basis = self._basis(bar, squared)
         push = self.live + (stiffness * self.loading.rest_length_direction) @ growth
         return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, stretch, tension)
@@ -590,6 +592,7 @@ def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None
     after unstable ones.
     Raises PathError.
     """
+    loading.require_motion()
     equations = Equations(loading)
     scale = scale_of(loading.model, start, goal)
     first = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, start, goal - start)

@@ -65,6 +65,7 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
     Raises PathError where a path cannot be followed, NoEquilibrium where the flow finds no minimum.
     """
     parameters = np.asarray(parameters, dtype=float)
+    loading.require_motion()
     equations = Equations(loading)
     scale = scale_of(loading.model, parameters.min(), parameters.max())
     sweep = Sweep(equations, parameters)
