@@ -41,6 +41,10 @@ TURN = 0.2  # rad: a step over which the path's direction turns by more is repea
 NEWTON = 8  # corrector steps after which a step is repeated shorter
 SETTLED = 1e-9  # m: a Newton step below this is the last one
 TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its end
+SINGULAR = 1e-9  # singular values of a bordered system below this part of the largest count as zero
+FAR = 4.0  # a tangent found that long (squared) turns by more than 60 degrees, or has picked up another path's
+CRITICAL = 1e4  # eigenvalues below so many times their round-off vanish at a branch point
+ASIDE = 1e-3  # how far beside a branch point another path is looked for, as part of the shortest bar
 MOST_POINTS = 20_000
 MOST_TOUCHING = 8  # strings that arrive at the ends of their pieces together
 
@@ -117,6 +121,7 @@ class Equations:
         model = self.model
         statics._require_small(model, "following an equilibrium path")
         self.laws = StringLaws(model)
+        self.stiffest = float(model.stiffness.max(initial=0.0))
         self.place = statics.places(model)
         self.size = statics._freedoms(model)
         self._differences = self._incidence(model.strings)  # (S, D, n)
@@ -226,8 +231,8 @@ class Point(NamedTuple):
     """An equilibrium on a path.
 
     parameter: p; free: (n,) m; piece: (S,) of each string (after the point, at a kink); direction: (n+1,) unit tangent,
-    the last entry that of c p; values: (r,) N/m, rising eigenvalues of the tangent stiffness; arc: m, from the path's
-    start; kind: '', 'kink', 'limit', 'branch', 'loose'; tension: (S,) N.
+    the last entry that of c p; values: (r,) N/m, rising eigenvalues of the tangent stiffness; zero: N/m, what counts as
+    round-off of them; arc: m, from the path's start; kind: '', 'kink', 'limit', 'branch', 'loose'; tension: (S,) N.
     """
 
     parameter: float
@@ -235,6 +240,7 @@ class Point(NamedTuple):
     piece: np.ndarray
     direction: np.ndarray
     values: np.ndarray
+    zero: float
     arc: float
     kind: str
     tension: np.ndarray
@@ -242,7 +248,7 @@ class Point(NamedTuple):
     @property
     def unstable(self) -> int:
         """Number of directions in which the potential energy falls."""
-        return int((self.values < -statics.NEUTRAL * np.abs(self.values).max(initial=0.0)).sum())
+        return int((self.values < -self.zero).sum())
 
     @property
     def stable(self) -> bool:
@@ -315,7 +321,18 @@ def _bordered(tangent: Tangent, scale: float, row: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _newton(equations, scale, free, parameter, piece, row, settled, event=None):
+def _solved(matrix: np.ndarray, right: np.ndarray, least: bool = False) -> np.ndarray | None:
+    """Solution of a bordered system.  least: the one of least size, which at a branch point, where the system is singular,
+    stays on the path."""
+    if least:
+        return np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _newton(equations, scale, free, parameter, piece, row, settled, event=None, least=False):
     """Solve equilibrium and row . (x, c p) = its value at the guess, or, with event = (string, elongation), that the
     string has this elongation.  Returns free, parameter, the tangent at the last iterate; None where it does not converge."""
     last = np.inf
@@ -326,9 +343,8 @@ def _newton(equations, scale, free, parameter, piece, row, settled, event=None):
             string, goal = event
             row = np.append(tangent.growth[string], -equations.loading.rest_length_direction[string] / scale)
             right[-1] = goal - tangent.stretch[string]
-        try:
-            step = np.linalg.solve(_bordered(tangent, scale, row), right)
-        except np.linalg.LinAlgError:
+        step = _solved(_bordered(tangent, scale, row), right, least)
+        if step is None:
             return None
         size = float(np.sqrt(step @ step))
         if not size < 0.5 * last or not np.isfinite(size):
@@ -345,10 +361,10 @@ def _direction(tangent: Tangent, scale: float, along: np.ndarray) -> np.ndarray 
     """(n+1,) unit tangent of the path, on the side of `along` (n+1,)."""
     right = np.zeros(len(tangent.pull) + 1)
     right[-1] = 1.0
-    try:
-        found = np.linalg.solve(_bordered(tangent, scale, along), right)
-    except np.linalg.LinAlgError:
-        return None
+    matrix = _bordered(tangent, scale, along)
+    found = _solved(matrix, right)
+    if found is None or not found @ found <= FAR:
+        found = _solved(matrix, right, least=True)
     direction = np.append(tangent.basis @ found[:-1], found[-1])
     size = np.sqrt(direction @ direction)
     return direction / size if np.isfinite(size) and size > 0.0 else None
@@ -359,8 +375,13 @@ def _point(equations, scale, free, parameter, tangent, piece, along, arc, kind) 
     direction = _direction(tangent, scale, along)
     if direction is None:
         return None
+    return Point(float(parameter), free, piece, direction, *_eigenvalues(equations, tangent), arc, kind, tangent.tension)
+
+
+def _eigenvalues(equations: Equations, tangent: Tangent) -> tuple[np.ndarray, float]:
+    """Rising eigenvalues (r,) of the tangent stiffness, and what counts as their round-off, N/m."""
     values = np.linalg.eigvalsh(tangent.stiffness)
-    return Point(float(parameter), free, piece, direction, values, arc, kind, tangent.tension)
+    return values, statics.NEUTRAL * max(float(np.abs(values).max(initial=0.0)), equations.stiffest)
 
 
 class _Follower:
@@ -401,10 +422,11 @@ class _Follower:
         way = step * base.direction
         guess = self.equations.moved(base.free, way[:-1])
         parameter = base.parameter + way[-1] / self.scale
-        solved = _newton(self.equations, self.scale, guess, parameter, base.piece, base.direction, SETTLED)
-        if solved is None or self._apart(solved[0], solved[1], guess, parameter) > TURN * abs(step) + 1e3 * SETTLED:
-            return None
-        return _point(self.equations, self.scale, *solved, base.piece, base.direction, base.arc + step, "")
+        for least in (False, True):
+            solved = _newton(self.equations, self.scale, guess, parameter, base.piece, base.direction, SETTLED, None, least)
+            if solved and self._apart(solved[0], solved[1], guess, parameter) <= TURN * abs(step) + 1e3 * SETTLED:
+                return _point(self.equations, self.scale, *solved, base.piece, base.direction, base.arc + step, "")
+        return None
 
     def _apart(self, free, parameter, other_free, other_parameter) -> float:
         """m between two points."""
@@ -466,8 +488,8 @@ class _Follower:
         rays = [ray for ray in rays if _resisted(ray)]
         if not rays:
             tangent = self.equations.at(free, parameter, base.piece)
-            values = np.linalg.eigvalsh(tangent.stiffness)
-            return Point(parameter, free, base.piece, trial.direction, values, arc, "loose", tangent.tension)
+            values = _eigenvalues(self.equations, tangent)
+            return Point(parameter, free, base.piece, trial.direction, *values, arc, "loose", tangent.tension)
         return max(rays, key=lambda ray: ray.direction @ trial.direction)
 
     def _rays(self, free, parameter, below, touching, along, arc) -> list[Point]:
@@ -485,8 +507,8 @@ class _Follower:
             rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
             for sign in (1.0, -1.0):
                 if (np.where(np.array(up, dtype=bool), sign, -sign) * rate >= -1e-9).all():
-                    values = np.linalg.eigvalsh(tangent.stiffness)
-                    found.append(Point(parameter, free, piece, sign * direction, values, arc, "kink", tangent.tension))
+                    values = _eigenvalues(self.equations, tangent)
+                    found.append(Point(parameter, free, piece, sign * direction, *values, arc, "kink", tangent.tension))
         return found
 
     # --- limit and branch points
@@ -495,16 +517,18 @@ class _Follower:
         """Limit and branch points between two points of a smooth stretch, in order of arc; None where one is not found."""
         end = trial if trial.kind != "kink" else self._before(base, trial)
         found = []
-        turned = base.direction[-1] * end.direction[-1] < 0.0
-        if turned:
+        if base.direction[-1] * end.direction[-1] < 0.0:
             found.append(self._root(base, end, lambda p: p.direction[-1], "limit", 1e-8))
+            if found[0] is None:
+                return None
         low, high = sorted((_negative(base), _negative(end)))
         for i in range(low, high):
-            point = self._root(base, end, lambda p: p.values[i], "branch", 1e-13)
-            steepest = max(abs(base.direction[-1]), abs(end.direction[-1]))
-            if point is None or not (turned and abs(point.direction[-1]) <= 1e-4 * steepest):  # else it is the limit point's own
-                found.append(point)
-        return None if any(p is None for p in found) else sorted(found, key=lambda p: p.arc)
+            change = abs(end.values[i] - base.values[i])
+            if not (found and abs(found[0].values[i]) <= 1e-4 * change):  # else it vanishes at the limit point
+                found.append(self._root(base, end, lambda p: p.values[i], "branch", 1e-13))
+                if found[-1] is None:
+                    return None
+        return sorted(found, key=lambda p: p.arc)
 
     def _before(self, base: Point, kink: Point) -> Point:
         """A kink as the end of the stretch that leads to it."""
@@ -567,10 +591,9 @@ def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: f
         if solved is None:
             break
         stretch = equations.stretch(solved[0], parameter)
-        lower, upper = equations.laws.ends(piece)
-        if ((stretch >= lower - TOUCH) & (stretch <= upper + TOUCH)).all():
-            point = _point(equations, scale, *solved, piece, np.sign(towards) * hold, 0.0, "")
-            if point is not None and _resisted(point):
+        point = _point(equations, scale, *solved, piece, np.sign(towards) * hold, 0.0, "")
+        if point is not None and _inside(equations, point):
+            if _resisted(point):
                 return point
             break
         piece = equations.laws.piece_of(stretch)
@@ -579,8 +602,7 @@ def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: f
 
 
 def _resisted(point: Point) -> bool:
-    size = np.abs(point.values)
-    return bool((size > statics.NEUTRAL * size.max(initial=0.0)).all())
+    return bool((np.abs(point.values) > point.zero).all())
 
 
 def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None = None, most_points: int = MOST_POINTS,
@@ -626,3 +648,36 @@ def follow_from(equations, scale, first: Point, start: float, goal: float, most_
                 del path.points[len(path.points) - len(new) + i + 1 :]
                 path.end = point.kind or ("branch" if unstable else "stable")
                 return path
+
+
+def branches(path: Path, point: Point) -> list[Point]:
+    """Points beside a branch point of a path, one on each way that leaves it: `follow_from` traces the paths from there.
+
+    For every eigenvector whose eigenvalue is zero there, both ways along it.  Where several eigenvalues vanish together,
+    as in a structure of three-fold symmetry, paths may leave along other combinations, too.
+    """
+    equations, scale = path.equations, path.scale
+    tangent = equations.at(point.free, point.parameter, point.piece)
+    values, vectors = np.linalg.eigh(tangent.stiffness)
+    critical = np.flatnonzero(np.abs(values) <= CRITICAL * point.zero)
+    found = []
+    for i, sign in itertools.product(critical, (1.0, -1.0)):
+        way = np.append(sign * tangent.basis @ vectors[:, i], 0.0)
+        aside = ASIDE * float(equations.model.bar_length.min())
+        while aside > SHORTEST:
+            guess = equations.moved(point.free, aside * way[:-1])
+            solved = _newton(equations, scale, guess, point.parameter, point.piece, way, SETTLED)
+            if solved is not None and np.abs(solved[0] - guess).max() < aside:
+                beside = _point(equations, scale, *solved, point.piece, way, point.arc, "")
+                if beside is not None and _inside(equations, beside):
+                    found.append(beside)
+                    break
+            aside *= 0.5
+    return found
+
+
+def _inside(equations: Equations, point: Point) -> bool:
+    """Whether every string is on the piece that it is said to be on."""
+    stretch = equations.stretch(point.free, point.parameter)
+    lower, upper = equations.laws.ends(point.piece)
+    return bool(((stretch >= lower - TOUCH) & (stretch <= upper + TOUCH)).all())
