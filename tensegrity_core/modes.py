@@ -90,7 +90,8 @@ def mass_matrix(model: Model, equations: Equations) -> np.ndarray:
 
 
 def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
-    """Modes about the model's start under external forces (N, 3), N, the slowest |lambda| first; complex pairs once.
+    """Modes about the model's start under external forces (N, 3), N; complex pairs once.  What grows, or lives longest,
+    comes first (rising decay rate, then rising |lambda|).
 
     The start is meant to be an equilibrium under these forces (statics.settle makes it one).  damped: False leaves out the
     dampers.  Directions that nothing resists, such as the rigid-body motions of a structure afloat, have lambda = 0.
@@ -105,7 +106,7 @@ def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
     damping = inverse @ found.damping @ inverse.T * float(damped)
     values, vectors = _eigenpairs(stiffness, damping)
     shapes = found.basis @ inverse.T @ vectors
-    order = np.lexsort((values.real, np.abs(values)))
+    order = np.lexsort((np.abs(values), -values.real))
     return [Mode(complex(values[i]), _shape(model, shapes[:, i])) for i in order]
 
 
