@@ -121,17 +121,18 @@ class Equations:
         model = self.model
         statics._require_small(model, "following an equilibrium path")
         self.laws = StringLaws(model)
+        self._winding = bool(loading.rest_length_direction.any())
         self.stiffest = float(model.stiffness.max(initial=0.0))
         self.place = statics.places(model)
         self.size = statics._freedoms(model)
-        self._differences = self._incidence(model.strings)  # (S, D, n)
-        self._bars = self._incidence(model.bars)
+        strings = self._incidence(model.strings)  # (S, D, n)
+        self._shape = strings.shape
+        self._members = np.concatenate([strings, self._incidence(model.bars)]).reshape(-1, self.size)
+        self._strings, self._bars = np.split(self._members, [strings[:, :, 0].size])
         held = np.where(model.fixed[:, None], model.nodes, 0.0)[:, model.axes]
-        self._string_offset = held[model.strings[:, 1]] - held[model.strings[:, 0]]
-        self._bar_offset = held[model.bars[:, 1]] - held[model.bars[:, 0]]
-        self._flat = self._differences.reshape(-1, self.size)
-        self._flat_bars = self._bars.reshape(-1, self.size)
-        self._members = np.concatenate([self._flat, self._flat_bars])
+        ends = statics.members(model)
+        self._offset = (held[ends[:, 1]] - held[ends[:, 0]]).ravel()
+        self._string_offset, self._bar_offset = np.split(self._offset, [len(self._strings)])
         self.bar_length = statics._lengths(model.nominal, model.bars)
         dead = statics.loads(model, loading.force)
         self.dead, self.live = statics._rows(model, dead), statics._rows(model, loading.force_direction)
@@ -157,6 +158,7 @@ class Equations:
         shifts = turns + np.arange(self._rank - turns).reshape(-1, D)
         for end in (first, second):
             self._still[end[afloat], shifts] = np.sqrt(0.5)
+        self._one = np.eye(D)
         self._turning = np.arange(turns).reshape(-1, 1, D - 1)
         self._first, self._second = first[:, :, None], second[:, :, None]
         self._share = np.where(afloat, np.sqrt(0.5), 1.0)[:, None, None]
@@ -176,7 +178,7 @@ class Equations:
     def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Free coordinates after a step (n,), bars brought back to their lengths: about the fixed end or the centre."""
         free = free + step
-        bar = (self._flat_bars @ free).reshape(self._bar_offset.shape) + self._bar_offset
+        bar = (self._bars @ free + self._bar_offset).reshape(-1, self._shape[1])
         excess = bar * (self.bar_length / np.sqrt(np.einsum("bd,bd->b", bar, bar)) - 1.0)[:, None]
         padded = np.append(free, 0.0)
         padded[self._first[:, :, 0]] += self._lever_first * excess
@@ -185,26 +187,25 @@ class Equations:
 
     def stretch(self, free: np.ndarray, parameter: float) -> np.ndarray:
         """(S,) m."""
-        along = (self._flat @ free).reshape(self._string_offset.shape) + self._string_offset
+        along = (self._strings @ free + self._string_offset).reshape(-1, self._shape[1])
         return np.sqrt(np.einsum("sd,sd->s", along, along)) - self.loading.rest_lengths(parameter)
 
     def at(self, free: np.ndarray, parameter: float, piece: np.ndarray) -> Tangent:
         """The equations with the strings on these pieces (S,)."""
-        along = (self._flat @ free).reshape(self._string_offset.shape) + self._string_offset
-        length = np.sqrt(np.einsum("sd,sd->s", along, along))
+        count, axes, size = self._shape
+        along = (self._members @ free + self._offset).reshape(-1, axes)
+        squared = np.einsum("md,md->m", along, along)
+        length, bar = np.sqrt(squared[:count]), along[count:]
         stretch = length - self.loading.rest_lengths(parameter)
         tension, stiffness = self.laws(stretch, piece)
-        growth = np.einsum("sd,sdi->si", along / length[:, None], self._differences)
+        growth = ((along[:count] / length[:, None]).ravel()[:, None] * self._strings).reshape(count, axes, size).sum(axis=1)
         total = self.dead + parameter * self.live - tension @ growth
-        bar = (self._flat_bars @ free).reshape(self._bar_offset.shape) + self._bar_offset
-        felt = (self._flat_bars @ total).reshape(bar.shape)
-        squared = np.einsum("bd,bd->b", bar, bar)
-        bar_density = np.einsum("bd,bd->b", bar, felt) / (self._free_ends * squared)
-        density = tension / length
-        full = (growth.T * (stiffness - density)) @ growth
-        full += (self._members.T * np.repeat(np.concatenate([density, bar_density]), bar.shape[1])) @ self._members
-        basis = self._basis(bar, squared)
-        push = self.live + (stiffness * self.loading.rest_length_direction) @ growth
+        felt = (self._bars @ total).reshape(bar.shape)
+        density = np.concatenate([tension / length, np.einsum("bd,bd->b", bar, felt) / (self._free_ends * squared[count:])])
+        full = (growth.T * (stiffness - density[:count])) @ growth
+        full += (self._members.T * np.repeat(density, axes)) @ self._members
+        basis = self._basis(bar, squared[count:])
+        push = self.live + (stiffness * self.loading.rest_length_direction) @ growth if self._winding else self.live
         return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, stretch, tension)
 
     def _basis(self, bar: np.ndarray, squared: np.ndarray) -> np.ndarray:
@@ -212,7 +213,7 @@ class Equations:
         mirror = bar / np.sqrt(squared)[:, None]
         mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
         scaled = 2.0 * mirror / np.einsum("bd,bd->b", mirror, mirror)[:, None]
-        across = (np.eye(bar.shape[1]) - mirror[:, :, None] * scaled[:, None, :])[:, :, :-1] * self._share
+        across = (self._one - mirror[:, :, None] * scaled[:, None, :])[:, :, :-1] * self._share
         basis = self._still.copy()
         basis[self._first, self._turning] = -across
         basis[self._second, self._turning] = across

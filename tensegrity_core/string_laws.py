@@ -105,13 +105,13 @@ class StringLaws:
     """
 
     def __init__(self, model: Model):
-        self._all = np.arange(len(model.strings))
         pieces = [_pieces(law, float(k)) for law, k in zip(model.nsh, model.stiffness)]
         ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in model.nsh]
         most = max((len(p) for p in pieces), default=0)
         shape = (len(pieces), most)
+        self._all = most * np.arange(len(pieces))  # where each string's row of pieces begins
         self.lower, self.upper = np.full(shape, -np.inf), np.full(shape, np.inf)
-        self._first, self._count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
+        first, count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
         self._ends = np.full((len(pieces), max(most - 1, 0)), np.inf)
         self.last = np.array([len(p) - 1 for p in pieces], dtype=int)
         rows: dict[tuple, int] = {}
@@ -124,14 +124,13 @@ class StringLaws:
                 if key not in rows:
                     rows[key] = len(panels)
                     panels += row
-                self._first[s, p], self._count[s, p] = rows[key], len(row)
-        self._start = np.where(np.isfinite(self.lower), self.lower, 0.0)
-        self._width = np.where(np.isfinite(self.upper) & (self._count > 1), (self.upper - self._start) / self._count, 1.0)
-        self._centre = np.array([p.centre for p in panels])
-        self._half = np.array([p.half for p in panels])
-        self._reach = np.array([p.reach for p in panels])
-        self._force = _table([p.force for p in panels])
-        self._stiffness = _table([p.stiffness for p in panels])
+                first[s, p], count[s, p] = rows[key], len(row)
+        start = np.where(np.isfinite(self.lower), self.lower, 0.0)
+        cut = np.isfinite(self.upper) & (count > 1)
+        self._density = np.where(cut, count / np.where(cut, self.upper - start, 1.0), 0.0).ravel()  # panels per m
+        self._start, self._first, self._most = start.ravel(), first.ravel(), count.ravel() - 1
+        self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
+        self._laws = np.stack([_table([p.force for p in panels]), _table([p.stiffness for p in panels])], axis=1)
         self._bend = _table([polynomial.polyder(p.stiffness) / p.half for p in panels])
         self._energy = _table([p.energy for p in panels], DEGREE + 2)
 
@@ -141,14 +140,14 @@ class StringLaws:
 
     def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,), (S,) m: elongations at which these pieces begin and end."""
-        return self.lower[self._all, piece], self.upper[self._all, piece]
+        return self.lower.ravel()[self._all + piece], self.upper.ravel()[self._all + piece]
 
     def __call__(self, stretch: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
         row, powers, over = self._place(stretch, piece)
-        stiffness = np.einsum("ij,ij->i", self._stiffness[row], powers)
-        force = np.einsum("ij,ij->i", self._force[row], powers)
+        force, stiffness = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
         if over.any():
+            force, stiffness = force.copy(), stiffness.copy()
             bend = np.einsum("ij,ij->i", self._bend[row], powers)
             force += over * (stiffness + 0.5 * bend * over)
             stiffness += bend * over
@@ -161,11 +160,11 @@ class StringLaws:
 
     def _place(self, stretch, piece, count: int = DEGREE + 1):
         """Row of each string's panel, powers of its t there (S, count), and how far (m) it lies beyond its piece."""
-        at = self._all, piece
-        panel = ((stretch - self._start[at]) / self._width[at]).astype(int)
-        row = self._first[at] + np.minimum(np.maximum(panel, 0), self._count[at] - 1)
-        half, reach = self._half[row], self._reach[row]
-        t = (stretch - self._centre[row]) / half
+        at = self._all + piece
+        row = ((stretch - self._start[at]) * self._density[at]).astype(int)
+        row = self._first[at] + np.minimum(np.maximum(row, 0), self._most[at])
+        centre, half, reach = self._spans[:, row]
+        t = (stretch - centre) / half
         inside = np.minimum(np.maximum(t, -reach), reach)
         powers = np.empty((len(row), count))
         powers[:, 0], powers[:, 1:] = 1.0, inside[:, None]
