@@ -295,19 +295,32 @@ class Path:
 
 
 def _between(equations: Equations, scale: float, before: Point, after: Point, parameter: float) -> Point:
-    """The equilibrium at p between two neighbouring points: cubic interpolation, then Newton's method at that p."""
+    """The equilibrium at p between two neighbouring points: Newton's method at that p; where this leaves the stretch
+    between the points, as it may beside a limit point, a root along the arc."""
     span = after.parameter - before.parameter
     part = 0.0 if span == 0.0 else (parameter - before.parameter) / span
-    slopes = [p.direction[:-1] / p.direction[-1] * scale * span if p.direction[-1] else None for p in (before, after)]
+    guess = equations.moved(before.free, _interpolated(scale, before, after, part))
+    hold = np.append(np.zeros(equations.size), 1.0)
+    solved = _newton(equations, scale, guess, parameter, before.piece, hold, SETTLED)
     way = after.free - before.free
-    guess = part * way
-    if all(s is not None and np.linalg.norm(s) < 3.0 * np.linalg.norm(way) for s in slopes):
-        guess = guess + part * (1.0 - part) * ((1.0 - part) * (slopes[0] - way) + part * (way - slopes[1]))
-    free = equations.moved(before.free, guess)
-    solved = _newton(equations, scale, free, parameter, before.piece, np.append(np.zeros(equations.size), 1.0), SETTLED)
-    if solved is None:
-        raise PathError(f"no equilibrium was found at p = {parameter!r} between two points of the path")
+    if solved is None or np.linalg.norm(solved[0] - before.free - 0.5 * way) > 0.6 * np.linalg.norm(way) + 1e3 * SETTLED:
+        follower = _Follower(equations, scale, before, np.inf)
+        found = follower.root(before, after, lambda p: p.parameter - parameter, "", 1e-14)
+        if found is None:
+            raise PathError(f"no equilibrium was found at p = {parameter!r} between two points of the path")
+        return found._replace(parameter=parameter)
     return _point(equations, scale, *solved, before.piece, before.direction, before.arc + part * (after.arc - before.arc), "")
+
+
+def _interpolated(scale: float, before: Point, after: Point, part: float) -> np.ndarray:
+    """(n,) way from a point at a part of the change of p: a cubic with the tangents at both points, or a chord where p turns."""
+    way, span = after.free - before.free, scale * (after.parameter - before.parameter)
+    ends = [p.direction[:-1] * (span / p.direction[-1]) if p.direction[-1] else np.inf * way for p in (before, after)]
+    if after.kind == "kink":
+        ends[1] = 2.0 * way - ends[0]  # the tangent at a kink is that of the way on
+    if not all(np.linalg.norm(end) < 3.0 * np.linalg.norm(way) for end in ends):
+        return part * way
+    return part * way + part * (1.0 - part) * ((1.0 - part) * (ends[0] - way) + part * (way - ends[1]))
 
 
 # --- continuation ------------------------------------------------------------------------------------------------
@@ -403,7 +416,7 @@ class _Follower:
             if self.step < SHORTEST:
                 raise PathError(f"the path cannot be followed beyond p = {self.here.parameter!r}: a step of "
                                 f"{self.step:.1e} m fails; try other loads, or start from another state")
-            trial = self._corrected(self.here, self.step)
+            trial = self._corrected(self.here, self.step, self._bend())
             turn = np.inf if trial is None else _angle(self.here.direction, trial.direction)
             if turn > TURN:
                 self.step *= 0.25 if not np.isfinite(turn) or turn > 4.0 * TURN else 0.5
@@ -418,9 +431,16 @@ class _Follower:
             self.path.points += found
             return found
 
-    def _corrected(self, base: Point, step: float) -> Point | None:
-        """The path's point at a distance along the tangent at `base`, on the same pieces."""
-        way = step * base.direction
+    def _bend(self) -> np.ndarray | float:
+        """(n+1,) 1/m, how the direction has changed over the last step; 0 where it was on other pieces."""
+        before, here = self.path.points[-2:] if len(self.path.points) > 1 else self.path.points * 2
+        if here.arc <= before.arc or here.kind == "kink" or not np.array_equal(before.piece, here.piece):
+            return 0.0
+        return (here.direction - before.direction) / (here.arc - before.arc)
+
+    def _corrected(self, base: Point, step: float, bend: np.ndarray | float = 0.0) -> Point | None:
+        """The path's point at a distance along the tangent at `base`, on the same pieces; bend: guess of its curvature."""
+        way = step * (base.direction + 0.5 * step * bend)
         guess = self.equations.moved(base.free, way[:-1])
         parameter = base.parameter + way[-1] / self.scale
         for least in (False, True):
@@ -519,14 +539,14 @@ class _Follower:
         end = trial if trial.kind != "kink" else self._before(base, trial)
         found = []
         if base.direction[-1] * end.direction[-1] < 0.0:
-            found.append(self._root(base, end, lambda p: p.direction[-1], "limit", 1e-8))
+            found.append(self.root(base, end, lambda p: p.direction[-1], "limit", 1e-7))
             if found[0] is None:
                 return None
         low, high = sorted((_negative(base), _negative(end)))
         for i in range(low, high):
             change = abs(end.values[i] - base.values[i])
             if not (found and abs(found[0].values[i]) <= 1e-4 * change):  # else it vanishes at the limit point
-                found.append(self._root(base, end, lambda p: p.values[i], "branch", 1e-13))
+                found.append(self.root(base, end, lambda p: p.values[i], "branch", 1e-13))
                 if found[-1] is None:
                     return None
         return sorted(found, key=lambda p: p.arc)
@@ -537,17 +557,18 @@ class _Follower:
         found = _point(self.equations, self.scale, kink.free, kink.parameter, tangent, base.piece, base.direction, kink.arc, "")
         return found if found is not None else kink
 
-    def _root(self, base: Point, end: Point, test, kind: str, part: float) -> Point | None:
+    def root(self, base: Point, end: Point, test, kind: str, part: float) -> Point | None:
         """Where a test function that changes its sign between the points is zero: bracketed secants (Illinois) along the
         tangent at `base`, until it is this part of its values there (at a limit point p is flat, so that less will do)."""
         length = float(base.direction[:-1] @ (end.free - base.free)
                        + base.direction[-1] * self.scale * (end.parameter - base.parameter))
+        bend = (end.direction - base.direction) / length
         a, fa, b, fb, best = 0.0, test(base), length, test(end), end
         size = max(abs(fa), abs(fb))
         for _ in range(60):
             at = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
             at = at if min(a, b) < at < max(a, b) else 0.5 * (a + b)
-            point = self._corrected(base, at)
+            point = self._corrected(base, at, bend)
             if point is None:
                 return None
             best, value = point, test(point)

@@ -26,6 +26,7 @@ from .paths import Equations, Loading, Path, PathError, Point, _between, follow_
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
 BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
+PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of an NSH's elongation
 SAME = 1e-7  # m: states nearer than this are one
 FIRST_SPAN = 0.25  # s: of a sudden load, before the first look
 STILL = 2e-4  # m: a swing about a stable state that takes no structure out of its basin
@@ -112,7 +113,7 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
     else:
         escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
         escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
-    start = equations.moved(last.free, 0.1 * statics._step_limit(loaded) * escape)
+    start = equations.moved(last.free, 0.1 * surface.reach * escape)
     nodes = statics.descend(surface, equations.nodes(start), surface.balanced)
     here = point_at(equations, scale, nodes, parameter, side)
     if not here.stable:
@@ -127,6 +128,18 @@ class FlowSurface(statics._Surface):
     def __init__(self, equations: Equations, parameter: float, loaded):
         super().__init__(loaded, equations.loading.forces(parameter), statics._Modes)
         self.equations, self.parameter = equations, parameter
+        model = equations.model
+        self._far = PART_OF_BAR * float(model.bar_length.min())
+        self._narrow = np.array([PART_OF_BEAM * min(law.h) if law else np.inf for law in model.nsh])
+
+    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
+        """Whether a step is small beside the bars, and beside the beams in what it does to NSH strings that carry."""
+        if np.abs(step).max(initial=0.0) > self._far:
+            return False
+        free = self.equations.free(nodes)
+        before = self.equations.stretch(free, self.parameter)
+        after = self.equations.stretch(self.equations.moved(free, step), self.parameter)
+        return bool((np.abs(np.maximum(after, 0.0) - np.maximum(before, 0.0)) <= self._narrow).all())
 
     def energy(self, nodes: np.ndarray) -> float:
         return self.equations.energy(self.equations.free(nodes), self.parameter)
