@@ -177,10 +177,10 @@ class Equations:
 
     def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Free coordinates after a step (n,), bars brought back to their lengths: about the fixed end or the centre."""
-        free = free + step
+        padded = np.zeros(self.size + 1)  # the last place takes what fixed nodes would get
+        free = np.add(free, step, out=padded[:-1])
         bar = (self._bars @ free + self._bar_offset).reshape(-1, self._shape[1])
         excess = bar * (self.bar_length / np.sqrt(np.einsum("bd,bd->b", bar, bar)) - 1.0)[:, None]
-        padded = np.append(free, 0.0)
         padded[self._first[:, :, 0]] += self._lever_first * excess
         padded[self._second[:, :, 0]] += self._lever_second * excess
         return padded[:-1]
@@ -458,10 +458,12 @@ class _Follower:
     def _arrival(self, base: Point, trial: Point) -> Point | None:
         """The kink at which the first string leaves its piece between the two points, or `trial` where none does; None
         where a string leaves, but its kink is not found."""
-        start, end = (self.equations.stretch(p.free, p.parameter) for p in (base, trial))
+        end = self.equations.stretch(trial.free, trial.parameter)
         lower, upper = self.equations.laws.ends(base.piece)
         gone = (end < lower - TOUCH) | (end > upper + TOUCH)
-        tried = set()
+        if not gone.any():
+            return trial
+        start, tried = self.equations.stretch(base.free, base.parameter), set()
         while gone.any():
             goal = np.where(end > upper, upper, lower)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -504,22 +506,22 @@ class _Follower:
             raise PathError(f"{len(touching)} strings change their pieces together at p = {parameter!r}; "
                             f"more than {MOST_TOUCHING} at once cannot be told apart")
         arc = base.arc + float(part) * (trial.arc - base.arc)
-        rays = [ray for ray in self._rays(free, parameter, below, touching, trial.direction, arc)
-                if not (np.array_equal(ray.piece, base.piece) and ray.direction @ trial.direction < 0.0)]
-        rays = [ray for ray in rays if _resisted(ray)]
+        rays = [ray for ray in self._rays(free, parameter, below, touching, base.piece, trial.direction, arc) if _resisted(ray)]
         if not rays:
             tangent = self.equations.at(free, parameter, base.piece)
             values = _eigenvalues(self.equations, tangent)
             return Point(parameter, free, base.piece, trial.direction, *values, arc, "loose", tangent.tension)
         return max(rays, key=lambda ray: ray.direction @ trial.direction)
 
-    def _rays(self, free, parameter, below, touching, along, arc) -> list[Point]:
-        """All ways from a kink: the pieces (each touching string on the one below or above its end) whose tangent moves
-        the strings into these very pieces."""
+    def _rays(self, free, parameter, below, touching, came_on, along, arc) -> list[Point]:
+        """All ways on from a kink: other pieces than those on which it was reached (each touching string on the one below or
+        above its end) whose tangent moves the strings into these very pieces."""
         found = []
         for up in itertools.product((1, 0), repeat=len(touching)):
             piece = below.copy()
             piece[touching] += np.array(up, dtype=int)
+            if np.array_equal(piece, came_on):
+                continue
             tangent = self.equations.at(free, parameter, piece)
             direction = _direction(tangent, self.scale, along)
             if direction is None:

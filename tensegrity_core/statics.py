@@ -712,7 +712,7 @@ def _flow_step(
             # far down, the energy's round-off hides its fall: the step is then below what the energy can resolve
             if surface.energy(trial) <= point.energy + surface.energy_round_off:
                 return trial, time
-        time = 0.25 * time if np.isfinite(time) else min(slowest, 64.0 * pace)
+        time = 0.25 * time if np.isfinite(time) else min(slowest, 8.0 * pace)
         if time < 1e-21 * slowest:
             return surface.moved(nodes, step), time
 
