@@ -37,13 +37,13 @@ class Quantity(NamedTuple):
         return float(point.direction[place]) if place >= 0 else 0.0
 
 
-def curve(path: Path, quantity: Quantity) -> tuple[np.ndarray, np.ndarray]:
-    """Parameter and coordinate (m) along a path: cubics through its points with its tangents."""
+def curve(path: Path, quantity: Quantity, fine: int = FINE) -> tuple[np.ndarray, np.ndarray]:
+    """Parameter and coordinate (m) along a path: cubics through its points with its tangents, `fine` parts for each step."""
     here = np.array([(p.parameter, quantity.of(path, p)) for p in path.points])
     if len(here) == 1:
         return here[:, 0], here[:, 1]
     slope = np.array([(p.direction[-1] / path.scale, quantity.rate(path, p)) for p in path.points])
-    part, pieces = np.arange(FINE)[:, None] / FINE, []
+    part, pieces = np.arange(fine)[:, None] / fine, []
     for i, (start, end) in enumerate(zip(path.points, path.points[1:])):
         length, chord = end.arc - start.arc, here[i + 1] - here[i]
         first = length * slope[i]
