@@ -4,8 +4,8 @@ Along r orthonormal directions y that keep the bars' lengths, small motions obey
 
     M y'' + C y' + K y = 0,
 
-M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair), C = sum d u u^T over the taut strings with
-direction u, K the tangent stiffness with its geometric part.  Solutions y = phi exp(lambda t) are eigenvectors of
+M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair), C = sum d u u^T over the taut
+strings with direction u, K the tangent stiffness with its geometric part.  Solutions y = phi exp(lambda t) are eigenvectors of
 
     [0 1; -M^-1 K -M^-1 C]   (Tisseur and Meerbergen, "The quadratic eigenvalue problem", 2001, section 3.4).
 
@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .equilibrium import Equations, Loading
 from .model import Model
-from .paths import Equations, Loading
 from .statics import NEUTRAL
 
 

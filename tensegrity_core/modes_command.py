@@ -9,11 +9,11 @@ import numpy as np
 
 from . import steady_states
 from .command import Command, constant_force, model_of, scene_argument
+from .equilibrium import Loading
 from .errors import InputError
 from .export import replacing, require_writable
 from .model import Model
 from .modes import Mode, modes
-from .paths import Loading
 
 SHOWN = 12  # modes that are printed
 

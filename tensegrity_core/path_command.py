@@ -11,6 +11,7 @@ import numpy as np
 
 from . import paths, steady_states
 from .command import Command, constant_force, model_of, scene_argument
+from .equilibrium import Loading
 from .errors import InputError
 from .export import replacing, require_writable
 from .model import Model
@@ -79,11 +80,11 @@ def parameters_of(start: float, goal: float, step: float | None) -> np.ndarray:
     return start + (goal - start) * np.arange(round(count) + 1) / round(count)
 
 
-def loading_of(model: Model, forces: Sequence[str], rest_lengths: Sequence[str]) -> paths.Loading:
+def loading_of(model: Model, forces: Sequence[str], rest_lengths: Sequence[str]) -> Loading:
     """What changes with p.  Raises InputError, also where nothing does."""
     if not (forces or rest_lengths):
         raise InputError("nothing changes with p; give --force or --rest-length, such as --force n4.z=1")
-    return paths.Loading(model, constant_force(model, forces), rest_length_change(model, rest_lengths))
+    return Loading(model, constant_force(model, forces), rest_length_change(model, rest_lengths))
 
 
 def rest_length_change(model: Model, texts: Sequence[str]) -> np.ndarray:
@@ -109,7 +110,7 @@ def rest_length_change(model: Model, texts: Sequence[str]) -> np.ndarray:
     return change
 
 
-def quantity_of(model: Model, loading: paths.Loading, text: str | None):
+def quantity_of(model: Model, loading: Loading, text: str | None):
     """The coordinate to show: named as n4.z, or where most force acts, or the highest free node's last axis."""
     from .path_figures import Quantity  # Matplotlib takes a second to import
 
@@ -129,7 +130,7 @@ def quantity_of(model: Model, loading: paths.Loading, text: str | None):
     return Quantity(text, model.node_names.index(name), "xyz".index(letter))
 
 
-def _sweeps(loading: paths.Loading, parameters: np.ndarray, back: bool) -> dict[str, steady_states.Sweep]:
+def _sweeps(loading: Loading, parameters: np.ndarray, back: bool) -> dict[str, steady_states.Sweep]:
     """Legs by name, in order."""
     nodes = None
     if parameters[0] != 0.0:

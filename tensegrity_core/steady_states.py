@@ -1,28 +1,29 @@
 """Steady states under load, solved: which of them a slow load reaches, and which one a load that comes suddenly.
 
-Slow load (`load_sweep`).  The structure follows its stable equilibrium path.  Where the path's stability ends (a limit point, a
-branch point, or a kink beyond which it is unstable) the structure moves on by itself: from there the overdamped flow
-`statics.descend` leads to the next minimum of the potential energy, and the path goes on from that.  The force curves of
-strings are single valued, so all hysteresis is that of the structure: on the way back stability ends elsewhere.
+Slow load (`load_sweep`).  The structure follows its stable equilibrium path.  Where the path's stability ends (a limit
+point, a branch point, or a kink beyond which it is unstable) the structure moves on by itself: from there the overdamped
+flow `statics.descend` leads to the next minimum of the potential energy, and the path goes on from that.  The force
+curves of strings are single valued, so all hysteresis is that of the structure: on the way back stability ends elsewhere.
 
-Sudden load (`sudden`).  Several stable states may exist under one load, and which of them a structure reaches that is let
-go from rest at its start depends on its inertia.  With the dampers' law its energy E = kinetic + potential (loads
-included) does not grow.  A way from the basin of one state to that of another leads over a saddle, so once E is below the lowest
-saddle, the state is decided: it is where the flow leads from there.  Until then the kernel's dynamics is run, with
-the real dampers, in short spans.  Saddles are the equilibria with one unstable direction on the paths that were traced, so
-other states may still hide behind lower ones that no path has met; where no saddle is known, the run goes on until what is
-left is a small swing.  Either takes a few seconds of simulated time; the rest is Newton's method.
+Sudden load (`SuddenLoads`).  Several stable states may exist under one load, and which of them a structure reaches that
+is let go from rest at its start depends on its inertia.  Its energy E = kinetic + potential (loads included) only falls,
+as the dampers take from it.  A way from the basin of one state to that of another leads over a saddle, so once E is below
+the lowest saddle, the state is decided: it is where the flow leads from there.  Until then the kernel's dynamics is run,
+with the real dampers, in short spans.  Saddles are the equilibria with one unstable direction on the paths that were
+traced, so other states may still hide behind lower ones that no path has met; where no saddle is known, the run goes on
+until what is left is a small swing.  Either takes a few seconds of simulated time; the rest is Newton's method.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from . import statics
-from .paths import Equations, Loading, Path, PathError, Point, _between, follow_from, point_at, scale_of
+from .equilibrium import Equations, Loading
+from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
 BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
@@ -66,7 +67,7 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
     Raises PathError where a path cannot be followed, NoEquilibrium where the flow finds no minimum.
     """
     parameters = np.asarray(parameters, dtype=float)
-    loading.require_motion()
+    loading.check(float(parameters.min()), float(parameters.max()))
     equations = Equations(loading)
     scale = scale_of(loading.model, parameters.min(), parameters.max())
     sweep = Sweep(equations, parameters)
@@ -89,13 +90,13 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: np.ndarray) -> Poin
         sweep.stretches.append(path)
         for before, after in zip(path.points, path.points[1:]):
             while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
-                sweep.states.append(_between(equations, scale, before, after, float(goals[done])))
+                sweep.states.append(between(equations, scale, before, after, float(goals[done])))
                 done += 1
         if path.end == "to":
             return path.points[-1]
         here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
         while done < len(goals) and side * goals[done] <= side * here.parameter:
-            sweep.states.append(_between(equations, scale, here, here, float(goals[done])))
+            sweep.states.append(between(equations, scale, here, here, float(goals[done])))
             done += 1
     return here
 
@@ -107,8 +108,9 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
     loaded = equations.loading.model_at(parameter, equations.nodes(last.free))
     surface = FlowSurface(equations, parameter, loaded)
     tangent = equations.at(last.free, last.parameter, last.piece)
-    if path.end == "limit":
-        forward = path.points[-2 if len(path.points) > 1 else -1].direction[:-1]  # where two folds coincide, theirs is any
+    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
+        beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
+        forward = path.points[-2 if beside else -1].direction[:-1]
         escape = forward / np.linalg.norm(forward)
     else:
         escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
@@ -159,19 +161,26 @@ class FlowSurface(statics._Surface):
 
 
 def detours(sweep: Sweep, most_points: int = 100) -> list[Path]:
-    """The unstable branches behind the sweep's limit points, each up to where it is stable again, leaves the sweep's parameters
-    or has so many points: the saddles next to the states.  A branch that cannot be followed ends where it was lost."""
-    low, high = float(sweep.parameters.min()), float(sweep.parameters.max())
+    """What lies behind the points where the sweep's stable paths end: behind a limit point the unstable branch up to where it
+    is stable again, at a branch point every path that leaves it.  Each ends at the sweep's parameters or with so many
+    points; one that cannot be followed at all is left out."""
     found = []
     for path in sweep.stretches:
-        if path.end == "limit" and len(path.points) > 1:
-            before = path.points[-2]._replace(arc=0.0)
-            bounds = (low, high) if before.direction[-1] > 0.0 else (high, low)
-            try:
-                found.append(follow_from(sweep.equations, path.scale, before, *bounds, most_points, stop="stable"))
-            except PathError:
-                continue
+        if path.end in ("limit", "branch") and len(path.points) > 1:
+            ways = [(path.points[-2]._replace(arc=0.0), "stable" if path.end == "limit" else "")]
+            if path.end == "branch":
+                ways += [(point._replace(arc=0.0), "") for point in branches(path, path.points[-1])]
+            found += [traced for way, stop in ways if (traced := _traced(sweep, path.scale, way, most_points, stop))]
     return found
+
+
+def _traced(sweep: Sweep, scale: float, way: Point, most_points: int, stop: str) -> Path | None:
+    low, high = float(sweep.parameters.min()), float(sweep.parameters.max())
+    bounds = (low, high) if way.direction[-1] > 0.0 else (high, low)
+    try:
+        return follow_from(sweep.equations, scale, way, *bounds, most_points, stop)
+    except PathError:
+        return None
 
 
 def states_at(paths: list[Path], parameter: float) -> list[Point]:

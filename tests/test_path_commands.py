@@ -9,8 +9,9 @@ import pytest
 from PIL import Image
 from support import push, scene
 
-from tensegrity_core import modes, paths, statics, steady_states
+from tensegrity_core import modes, statics, steady_states
 from tensegrity_core.cli import main
+from tensegrity_core.equilibrium import Loading
 
 LIFT = ["--force", "n3.z=1", "n4.z=1"]
 
@@ -30,7 +31,7 @@ def test_path_writes_states_there_and_back(tmp_path, capsys):
     there, back = ([row for row in found if row["leg"] == leg] for leg in ("there", "back"))
     assert [float(row["p"]) for row in there] == list(np.arange(0.0, 73.0, 4.0))
     assert [float(row["p"]) for row in back] == list(np.arange(72.0, -1.0, -4.0))
-    sweep = steady_states.load_sweep(paths.Loading(model, push(model, 1.0, 0.0)), np.arange(0.0, 73.0, 4.0))
+    sweep = steady_states.load_sweep(Loading(model, push(model, 1.0, 0.0)), np.arange(0.0, 73.0, 4.0))
     assert [float(row["n3.z"]) for row in there] == sweep.nodes[:, 2, 2].tolist()
     assert {row["stable"] for row in found if row["leg"] == "unstable"} == {"0", "1"}
     assert Image.open(figure).size == (720, 540)

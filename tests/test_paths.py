@@ -8,10 +8,11 @@ from scipy.optimize import brentq, minimize_scalar
 from support import push, scene
 
 from tensegrity_core import paths, statics, steady_states
+from tensegrity_core.equilibrium import Equations, Loading
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import NSH, Model
-from tensegrity_core.paths import Loading, PathError
+from tensegrity_core.paths import PathError
 from tensegrity_core.string_laws import StringLaws
 
 L, B, K = 1.0, 0.6, 900.0  # m, m, N/m
@@ -58,39 +59,41 @@ def snap_load(angle, rest):
     return K * B * (1.0 - rest / length) * np.tan(angle)
 
 
-def settled_start(model):
-    return statics.settle(model).nodes
+def snap_peak(rest):
+    options = {"method": "bounded", "options": {"xatol": 1e-13}}
+    return -minimize_scalar(lambda a: -snap_load(a, rest), bounds=(0.01, 0.99 * TILT), **options).fun
 
 
 def test_limit_point_of_a_snapping_bar_to_round_off():
     model, loading = snapping()
     rest = model.rest_length[0]
-    start = brentq(lambda a: snap_load(a, rest) - 1.0, 0.5 * TILT, 0.99999 * TILT)
-    peak = minimize_scalar(lambda a: -snap_load(a, rest), bounds=(0.01, start), method="bounded", options={"xatol": 1e-13})
-    start = brentq(lambda a: snap_load(a, rest) - 1.0, peak.x, TILT)
-    equations, scale = paths.Equations(loading), paths.scale_of(model, 0.0, 200.0)
+    start = brentq(lambda a: snap_load(a, rest) - 1.0, 0.8 * TILT, TILT)
+    peak = snap_peak(rest)
+    equations, scale = Equations(loading), paths.scale_of(model, 0.0, 200.0)
     first = paths.point_at(equations, scale, np.array([[0, 0, 0], at(start), [-B, 0, 0]]), 1.0, 1.0)
     path = paths.follow_from(equations, scale, first, -200.0, 200.0)
     up, down = path.special("limit")[:2]
-    assert up.parameter == pytest.approx(-peak.fun, rel=1e-12)
-    assert down.parameter == pytest.approx(peak.fun, rel=1e-12)
+    assert up.parameter == pytest.approx(peak, rel=1e-12)
+    assert down.parameter == pytest.approx(-peak, rel=1e-12)
     angles = np.arctan2(path.nodes[:, 1, 2], path.nodes[:, 1, 0])
     taut = np.array([p.piece[0] == 1 for p in path.points])
-    np.testing.assert_allclose(path.parameters[taut], snap_load(angles[taut], rest), rtol=0, atol=1e-9 * -peak.fun)
+    np.testing.assert_allclose(path.parameters[taut], snap_load(angles[taut], rest), rtol=0, atol=1e-9 * peak)
     first, second = (path.points.index(p) for p in (up, down))
     assert path.stable[:first].all() and not path.stable[first + 1 : second].any()
 
 
-def test_slow_load_snaps_and_returns_elsewhere():
+def test_slow_load_follows_the_closed_form_and_snaps():
     model, loading = snapping()
     rest = model.rest_length[0]
-    peak = -minimize_scalar(lambda a: -snap_load(a, rest), bounds=(0.01, 0.99 * TILT), method="bounded").fun
-    loads = np.concatenate([np.linspace(1.0, 0.9 * peak, 5), [0.99 * peak]])
+    peak = snap_peak(rest)
     start = brentq(lambda a: snap_load(a, rest) - 1.0, 0.8 * TILT, TILT)
+    loads = np.array([1.0, 0.5 * peak, 0.99 * peak, 1.01 * peak])
     sweep = steady_states.load_sweep(loading, loads, nodes=np.array([[0, 0, 0], at(start), [-B, 0, 0]]))
-    assert not sweep.jumps and (sweep.nodes[:, 1, 2] > 0.0).all()
-    for load, nodes in zip(loads, sweep.nodes):
+    for load, nodes in zip(loads[:3], sweep.nodes):
         assert snap_load(np.arctan2(nodes[1, 2], nodes[1, 0]), rest) == pytest.approx(load, rel=1e-11)
+    (jump,) = sweep.jumps
+    assert jump.before.parameter == pytest.approx(peak, rel=1e-12) and jump.kind == "limit"
+    np.testing.assert_allclose(sweep.nodes[-1, 1], [0.0, 0.0, -L], atol=1e-9)  # it hangs, its string slack
 
 
 # --- a pitchfork: an upright bar between two guys buckles at P = 2 k L -------------------------------------------------
@@ -142,6 +145,9 @@ def test_stability_ends_at_the_buckling_load_of_a_slow_load():
     assert [jump.kind for jump in sweep.jumps][:1] == ["branch"]
     assert sweep.jumps[0].before.parameter == pytest.approx(2.0 * K * L, rel=1e-12)
     assert all(state.stable for state in sweep.states)
+    onward, *sides = steady_states.detours(sweep, 30)
+    assert not onward.points[-1].stable and len(sides) == 2
+    assert sorted(np.sign(path.nodes[-1, 1, 0]) for path in sides) == [-1.0, 1.0]
     assert sweep.nodes[-1, 1, 2] < 0.0 and sweep.nodes[-2, 1, 2] == pytest.approx(L)  # it falls over
 
 
@@ -161,6 +167,18 @@ def test_a_guy_goes_slack_where_it_should():
     assert found.parameter == 150.0
     settled = statics.settle(model, force=on_tip(model, [150.0, 0.0, 0.0]), steps=1)
     np.testing.assert_allclose(path.equations.nodes(found.free), settled.nodes, rtol=0, atol=1e-12)
+
+
+def test_a_start_without_any_tension():
+    """Level guys at exactly their rest length: one tightens, the other goes slack at once, and f = k dl at the tip."""
+    model = one_bar([0.0, 0.0, L], [[-A, 0.0, L], [A, 0.0, L]], [A, A])
+    path = paths.follow(Loading(model, on_tip(model, [1.0, 0.0, 0.0])), 0.0, 50.0)
+    assert path.points[-1].piece.tolist() == [1, 0] and path.stable.all()
+    tip = path.nodes[-1, 1]
+    along = tip - [-A, 0.0, L]
+    length = np.linalg.norm(along)
+    across = np.array([tip[2], 0.0, -tip[0]])  # the tip's way
+    assert K * (length - A) * (along @ across) / length == pytest.approx(50.0 * across[0], rel=1e-12)
 
 
 def test_rest_length_as_the_parameter():
@@ -204,7 +222,7 @@ def lifted(name):
 def test_tangent_stiffness_is_that_of_the_statics():
     for name in ("two_bar_nsh", "three_bar", "six_bar_nsh"):
         model, loading = lifted(name)
-        equations = paths.Equations(loading)
+        equations = Equations(loading)
         free = equations.free(model.nodes)
         tangent = equations.at(free, 0.0, equations.laws.piece_of(equations.stretch(free, 0.0)))
         expected = statics.tangent_stiffness(model)
@@ -257,6 +275,8 @@ def test_bad_loadings_are_refused():
         paths.follow(Loading(model), 0.0, 1.0)
     with pytest.raises(InputError, match="rest_length_direction.*shape"):
         Loading(model, rest_length_direction=[1.0])
+    with pytest.raises(InputError, match="p = 1 makes the rest length of s1 -0.2[0-9]* m"):
+        paths.follow(Loading(model, rest_length_direction=[-1.0, 0.0]), 0.0, 1.0)
     with pytest.raises(PathError, match="not stable"):
         steady_states.load_sweep(Loading(model, on_tip(model, -UP)), [2.5 * K * L, 3.0 * K * L])
 
