@@ -141,7 +141,7 @@ def between(equations: Equations, scale: float, before: Point, after: Point, par
 
 
 def _interpolated(scale: float, before: Point, after: Point, part: float) -> np.ndarray:
-    """(n,) way from a point at a part of the change of p: a cubic with the tangents at both points, or a chord where p turns."""
+    """(n,) way from a point at a part of the change of p: a cubic with the tangents at both points; a chord where p turns."""
     way, span = after.free - before.free, scale * (after.parameter - before.parameter)
     ends = [p.direction[:-1] * (span / p.direction[-1]) if p.direction[-1] else np.inf * way for p in (before, after)]
     if after.kind == "kink":
