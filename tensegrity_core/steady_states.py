@@ -29,7 +29,7 @@ from .paths import Path, PathError, Point, between, branches, follow_from, point
 BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
 PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of an NSH's elongation
 SAME = 1e-7  # m: states nearer than this are one
-FIRST_SPAN = 0.25  # s: of a sudden load, before the first look
+FIRST_SPAN, LATER = 0.25, 1.5  # s: of a sudden load, before the first look; each span is so much longer than the one before
 STILL = 2e-4  # m: a swing about a stable state that takes no structure out of its basin
 RUN_TOLERANCE = 1e-8  # of the kernel's run under a sudden load
 
@@ -77,26 +77,26 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
     sweep.states.append(here)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
-        here = _one_way(sweep, scale, here, parameters[first : last + 1])
+        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist())
     return sweep
 
 
-def _one_way(sweep: Sweep, scale: float, here: Point, goals: np.ndarray) -> Point:
+def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Point:
     """Parameters that only grow, or only fall; the first is where `here` stands."""
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
     while done < len(goals):
-        path = follow_from(equations, scale, here, -side * np.inf, float(goals[-1]), stop="unstable")
+        path = follow_from(equations, scale, here, -side * np.inf, goals[-1], stop="unstable")
         sweep.stretches.append(path)
         for before, after in zip(path.points, path.points[1:]):
             while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
-                sweep.states.append(between(equations, scale, before, after, float(goals[done])))
+                sweep.states.append(between(equations, scale, before, after, goals[done]))
                 done += 1
         if path.end == "to":
             return path.points[-1]
         here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
         while done < len(goals) and side * goals[done] <= side * here.parameter:
-            sweep.states.append(between(equations, scale, here, here, float(goals[done])))
+            sweep.states.append(between(equations, scale, here, here, goals[done]))
             done += 1
     return here
 
@@ -221,9 +221,11 @@ class SuddenLoads:
         run, span, found, why = _Released(self.equations, self._kernel, parameter), FIRST_SPAN, None, "time"
         while why == "time" and run.time < longest:
             run.go_on(min(span, longest - run.time))
-            span *= 1.25
-            found = run.nearly_at_rest()
-            why = "energy" if run.energy < barrier else "time" if found is None else "swing"
+            span *= LATER
+            if run.energy < barrier:
+                why = "energy"
+            elif (found := run.nearly_at_rest()) is not None:
+                why = "swing"
         point = run.flow() if found is None else found
         place = [i for i, other in enumerate(stable) if np.abs(point.free - other.free).max() <= SAME]
         return Sudden(point, place[0] if place else -1, run.time, why)
@@ -244,10 +246,13 @@ class _Released:
         self.time += span
         model = self.equations.model
         self.free = self._kernel["position"].reshape(len(model.nodes), -1)[model.free_nodes].ravel().copy()
-        self.energy = float(self._kernel["kinetic"][0]) + self.equations.energy(self.free, self.parameter)
+        self.kinetic = float(self._kernel["kinetic"][0])
+        self.energy = self.kinetic + self.equations.energy(self.free, self.parameter)
 
     def nearly_at_rest(self) -> Point | None:
         """The stable state beside, if the energy that is left moves the structure by no more than STILL about it."""
+        if 2.0 * self.kinetic > self.equations.stiffest * STILL**2:
+            return None
         try:
             point = point_at(self.equations, self.scale, self.equations.nodes(self.free), self.parameter, 1.0)
         except PathError:
