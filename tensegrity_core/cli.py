@@ -22,6 +22,8 @@ from .fields import METHODS
 from .inputs import Inputs, held
 from .kernel import simulate as run_kernel
 from .model import Model
+from .modes_command import COMMAND as MODES
+from .path_command import COMMAND as PATH
 from .result import Result
 from .scene import schema_text
 from .towers import MOST_STAGES, tower_text
@@ -248,6 +250,8 @@ COMMANDS = (
     Command("simulate", "simulate a scene under constant forces", _simulate_arguments, simulate),
     Command("animate", "film a scene under constant forces as a GIF", _animate_arguments, animate),
     EXPERIMENT,
+    PATH,
+    MODES,
     Command("schema", "print the JSON schema of scene files", no_arguments, schema),
 )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -17,7 +18,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 from .errors import InputError
-from .export import replacing
+from .export import replacing, require_writable
 from .model import Model
 from .result import Result
 
@@ -278,3 +279,16 @@ def arrow_scale(model: Model, force: np.ndarray) -> float:
     """Length of an arrow per force, m/N: the largest force gets a quarter of the structure's size."""
     largest = float(np.max(np.linalg.norm(force, axis=-1), initial=0.0))
     return 0.25 * float(np.max(np.ptp(model.nodes, axis=0))) / largest if largest else 0.0
+
+
+#: Settings under which a figure is saved: texts stay texts in an SVG, and equal figures give equal bytes.
+SAVING = {"svg.fonttype": "none", "svg.hashsalt": "tensegrity"}
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as .png or .svg, whole or not at all, without dates.  Raises InputError, see export.require_writable."""
+    path = require_writable(path, (".png", ".svg"))
+    kind = path.suffix.lower()[1:]
+    metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
+    with rc_context(SAVING), replacing(path) as temporary:
+        figure.savefig(temporary, format=kind, metadata=metadata)

@@ -588,6 +588,7 @@ class _Surface:
         largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())
         self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (_coordinate_force(model) + largest_force))
         span = float(np.ptp(model.nodes, axis=0).max())
+        self.reach = _step_limit(model)
         self.nearly_balanced = max(self.balanced, 1e-6 * largest_force)
         self.energy_round_off = 16.0 * EPS * float(np.sum(tension * length) + np.abs(self.load).sum() * span)
 
@@ -612,6 +613,10 @@ class _Surface:
         basis = self._basis(nodes)
         tangent = basis.T @ self._stiffness(along, length, density, self._bar_density(nodes, total)) @ basis
         return _Point(self.energy(nodes), basis, basis.T @ _rows(self.model, total), self.decomposition(tangent))
+
+    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
+        """Whether a step (F*D,) from nodes (N, 3) is small beside the structure."""
+        return bool(np.abs(step).max(initial=0.0) <= self.reach)
 
     def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Positions after a step (F*D,), bars brought back to their lengths: about the fixed end or the centre."""
@@ -760,9 +765,8 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
     flow goes on along the most unstable direction.
     """
     _require_support(surface)
-    reach = _step_limit(surface.model)
     nodes = surface.moved(nodes, np.zeros(surface.size))
-    best, found, stalled = np.inf, nodes, 0
+    best, found, stalled, pace = np.inf, nodes, 0, np.inf
     for _ in range(MAX_STEPS):
         point = surface.at(nodes)
         unbalanced = float(np.abs(point.pull).max(initial=0.0))
@@ -773,9 +777,9 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
             direction = _unstable_direction(point)
             if direction is None:
                 return found
-            nodes, best, stalled = surface.moved(found, 0.1 * reach * direction), np.inf, 0
+            nodes, best, stalled = surface.moved(found, 0.1 * surface.reach * direction), np.inf, 0
         else:
-            nodes = _flow_step(surface, nodes, point, reach)
+            nodes, pace = _flow_step(surface, nodes, point, pace)
         surface.keep(nodes)
     raise NoEquilibrium(
         f"no stable equilibrium was found: after {MAX_STEPS} steps, "
@@ -810,20 +814,25 @@ def _unstable_direction(point: _Point) -> np.ndarray | None:
     return direction * np.sign(direction[np.argmax(np.abs(direction))])
 
 
-def _flow_step(surface: _Surface, nodes: np.ndarray, point: _Point, reach: float) -> np.ndarray:
-    """One step of the flow, as long as `reach` and the energy allow."""
+def _flow_step(
+    surface: _Surface, nodes: np.ndarray, point: _Point, pace: float
+) -> tuple[np.ndarray, float]:
+    """One step of the flow, as long as the surface and the energy allow, and the time that it took.
+
+    pace: the time that the step before took; a step without limit is tried first, then times from not much more on.
+    """
     time, slowest = np.inf, 1e9 / point.tangent.stiffest
     while True:
         way = point.tangent.way(point.pull, time, surface.balanced)
         step = None if way is None else point.basis @ way
-        if step is not None and np.abs(step).max(initial=0.0) <= reach:
+        if step is not None and surface.near(nodes, step):
             trial = surface.moved(nodes, step)
             # far down, the energy's round-off hides its fall: the step is then below what the energy can resolve
             if surface.energy(trial) <= point.energy + surface.energy_round_off:
-                return trial
-        time = 0.25 * time if np.isfinite(time) else slowest
+                return trial, time
+        time = 0.25 * time if np.isfinite(time) else min(slowest, 8.0 * pace)
         if time < 1e-21 * slowest:
-            return surface.moved(nodes, step)
+            return surface.moved(nodes, step), time
 
 
 def _flow(values: np.ndarray, time: float) -> np.ndarray:

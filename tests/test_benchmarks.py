@@ -13,6 +13,7 @@ from support import scene
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import equilibrium_paths  # noqa: E402
 import growth  # noqa: E402
 import machine  # noqa: E402
 import problems  # noqa: E402
@@ -250,6 +251,16 @@ def test_costs_of_a_scene_are_measured():
     assert 0.0 < methods["dop853"]["transition"]["min"] < methods["dop853"]["runs"]["full"]["min"]
 
 
+def test_steady_states_are_solved_and_waited_for():
+    case = equilibrium_paths.Case("two_bar_nsh")
+    case.up = case.sweep()
+    run = equilibrium_paths.waited(case, 30.0)
+    solved = case.up.states[1 + list(equilibrium_paths.LOADS).index(30.0)]
+    assert run["time"] == equilibrium_paths.DURATION and run["speed"] < equilibrium_paths.AT_REST
+    assert np.abs(case.up.equations.nodes(solved.free) - run["nodes"]).max() < 1e-9
+    assert run["snapped"] == equilibrium_paths.snapped(case, solved) == 4
+
+
 def test_growth_exponents():
     n = np.array([1.0, 10.0, 100.0, 150.0, 300.0])
     assert growth.exponent(n, n**1.1) == pytest.approx(1.1)
@@ -260,6 +271,7 @@ def test_growth_exponents():
 PAGES = [
     ("work-precision.md", "work_precision.json", data.load, report.page),
     ("growth.md", "growth.json", lambda path: json.loads(path.read_text()), growth.report),
+    ("equilibrium-paths.md", "equilibrium_paths.json", lambda path: json.loads(path.read_text()), equilibrium_paths.report),
     ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text()), scene_costs.report),
     ("speed.md", "speed.json", lambda path: json.loads(path.read_text()), speed.report),
     ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text()), fmu_speed.report),

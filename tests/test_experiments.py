@@ -248,8 +248,9 @@ def test_printed_inertia_is_a_heavier_bar():
     changed = variants.printed_inertia(model)
     C_b = equations.connectivity(np.array([[0, 1]]), 2)
     length = float(np.mean(model.bar_length))
-    printed = equations.mass_matrix(C_b, 0.5 * np.abs(C_b), np.array([length**2 / 12.0]), np.ones(1))
-    heavier = equations.mass_matrix(C_b, 0.5 * np.abs(C_b), changed.bar_mass[:1] / 12.0, changed.bar_mass[:1])
+    none = np.zeros(2)
+    printed = equations.mass_matrix(C_b, 0.5 * np.abs(C_b), np.array([length**2 / 12.0]), np.ones(1), none)
+    heavier = equations.mass_matrix(C_b, 0.5 * np.abs(C_b), changed.bar_mass[:1] / 12.0, changed.bar_mass[:1], none)
     assert heavier[1, 1] == pytest.approx(printed[1, 1])
     assert changed.bar_mass * changed.gravity == pytest.approx(model.bar_mass * model.gravity)
 

@@ -41,12 +41,15 @@ WRITTEN = {
         "dist/native/mast.fmu",
         "mast.csv",
         "mast.gif",
+        "path.csv",
+        "modes.png",
         "scene.schema.json",
         "three_bar_nsh.png",
         "experiment_I.csv",
         "results/experiment_IV_figure_10.svg",
     ),
     "docs/fmu.md": ("dist/native/three_bar_nsh.fmu",),
+    "docs/equilibrium-paths.md": ("path.svg", "path.csv", "modes.svg", "modes.csv"),
 }
 
 

@@ -1,0 +1,444 @@
+"""Experiment I solved instead of waited for: ``python benchmarks/equilibrium_paths.py`` writes docs/equilibrium_paths.json,
+docs/equilibrium-paths.md and docs/figures/path_*, in about 2 minutes.
+
+An upward force of 10 to 72 N in steps of 2 N acts on each top node of the six scenes.  Solved: the slow load's sweep up
+from no load and back (steady_states.load_sweep), and the state that each load reaches when it comes suddenly
+(steady_states.SuddenLoads).  Waited for: the kernel's dynamics, method auto at tolerance 1e-10, 50 s from the start for
+each load; where the structure is not at rest by then, the run goes on.
+
+Times are processor time, the least of interleaved rounds: of the sweep up with all 32 states (from the model on), of the
+states under sudden loads, of the 32 runs without output on the way, with outputs every 0.01 s left in the kernel, and
+through kernel.simulate, which keeps them.  One thread: set OPENBLAS_NUM_THREADS=1 on a machine that does other work, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import machine  # noqa: E402
+from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
+
+from tensegrity_core import steady_states  # noqa: E402
+from tensegrity_core.equilibrium import Loading  # noqa: E402
+from tensegrity_core.inputs import grid, held  # noqa: E402
+from tensegrity_core.kernel import Kernel, simulate  # noqa: E402
+from tensegrity_core.modes import modes  # noqa: E402
+from tensegrity_core.path_figures import Quantity, curve  # noqa: E402
+from tensegrity_core.nsh import snapped_on_piece  # noqa: E402
+from tensegrity_core.paths import follow  # noqa: E402
+from tensegrity_core.scene import load_scene  # noqa: E402
+from tensegrity_core.statics import build_model  # noqa: E402
+
+SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
+LOADS = np.arange(10.0, 73.0, 2.0)  # N on each top node
+DURATION, ROW, TOLERANCE = 50.0, 0.01, 1e-10
+AT_REST, LONGEST = 1e-9, 2000.0  # m/s, s: how slow, and how long, the runs that go on
+PARTS, BEHIND = 4, 60  # parts in which a path's step is drawn, points of an unstable branch
+SAME, AIM = 1e-6, 100  # m, of heights; how many times faster than the runs
+UP, DOWN, UNSTABLE, ELSEWHERE, DYNAMIC = "#1f5fa8", "#d1495b", "#6b705c", "#edae49", "#22252e"
+
+# --- measuring ---------------------------------------------------------------------------------------------------------
+
+
+class Case:
+    """A scene under experiment I's loads, solved and waited for."""
+
+    def __init__(self, name: str):
+        self.model = build_model(load_scene(name))
+        self.top = np.flatnonzero(self.model.nodes[:, 2] > self.model.nodes[:, 2].max() - 0.01)
+        self.lift = np.zeros_like(self.model.nodes)
+        self.lift[self.top, 2] = 1.0
+        self.loading = Loading(self.model, self.lift)
+        self.kernel = Kernel(self.model, tolerance=TOLERANCE)
+        self.seconds: dict[str, list[float]] = {}
+
+    def timed(self, what: str, work):
+        start = time.process_time()
+        found = work()
+        self.seconds.setdefault(what, []).append(time.process_time() - start)
+        return found
+
+    def sweep(self) -> steady_states.Sweep:
+        return steady_states.load_sweep(self.loading, [0.0, *LOADS])
+
+    def suddenly(self, known: list[list]) -> list[steady_states.Sudden]:
+        loads = steady_states.SuddenLoads(self.up.equations)
+        return [loads.state(load, points) for load, points in zip(LOADS.tolist(), known)]
+
+    def released(self, load: float) -> None:
+        free = self.model.free_nodes
+        self.kernel["force"][:] = load * self.lift[free][:, list(self.model.axes)].ravel()
+        self.kernel.initialize()
+
+    def runs(self, count: int) -> None:
+        """All loads, each run in so many steps."""
+        for load in LOADS:
+            self.released(load)
+            for _ in range(count):
+                self.kernel.step(DURATION / count)
+
+    def api_runs(self) -> None:
+        for load in LOADS:
+            force = load * self.lift
+            simulate(self.model, held(self.model, grid(DURATION, ROW), force=lambda t: force), tolerance=TOLERANCE)
+
+    def round(self) -> None:
+        self.up = self.timed("sweep", self.sweep)
+        known = [steady_states.states_at(self.up.stretches, load) for load in LOADS.tolist()]
+        self.sudden = self.timed("sudden", lambda: self.suddenly(known))
+        self.timed("runs", lambda: self.runs(1))
+        self.timed("rows", lambda: self.runs(round(DURATION / ROW)))
+        self.timed("simulate", self.api_runs)
+
+
+def height(case: Case, nodes: np.ndarray) -> float:
+    """m, mean of the top nodes."""
+    return float(nodes[case.top, 2].mean())
+
+
+def waited(case: Case, load: float) -> dict:
+    """Where a run is after 50 s, and where once it is at rest."""
+    axes, kernel = list(case.model.axes), case.kernel
+    case.released(load)
+    found = {}
+    while kernel.time < LONGEST:
+        kernel.step(DURATION)
+        nodes = case.model.nodes.copy()
+        nodes[:, axes] = kernel["position"].reshape(len(nodes), -1)
+        speed = float(np.abs(kernel["velocity"]).max())
+        found.setdefault("speed", speed)
+        found.setdefault("nodes_50", nodes)
+        found |= {"nodes": nodes, "time": kernel.time, "last_speed": speed, "snapped": int(kernel["snapped"].sum())}
+        if speed < AT_REST:
+            break
+    return found
+
+
+def snapped(case: Case, point) -> int:
+    """Beams past their force maximum, of all honeycombs together."""
+    return sum(snapped_on_piece(case.model.nsh[s], int(point.piece[s])) for s in case.model.nsh_strings)
+
+
+def states(case: Case) -> list[dict]:
+    """A row per load: solved, waited for, and how they differ."""
+    rows = []
+    back = steady_states.load_sweep(case.loading, [*LOADS[::-1], 0.0], case.up.nodes[-1])
+    case.back = back
+    paths = [*case.up.stretches, *back.stretches]
+    slow, fallen = case.up.nodes[1:], back.nodes[:-1][::-1]
+    for load, up, down, sudden in zip(LOADS.tolist(), slow, fallen, case.sudden):
+        run, nodes = waited(case, load), case.up.equations.nodes(sudden.point.free)
+        slowest = modes(case.loading.model_at(load, nodes), load * case.lift)[0]
+        known = [p for p in steady_states.states_at(paths, load) if p.stable]
+        rows.append({
+            "load": load,
+            "height_slow": height(case, up), "height_back": height(case, down), "height_sudden": height(case, nodes),
+            "height_50": height(case, run["nodes_50"]), "height_rest": height(case, run["nodes"]),
+            "difference_50": float(np.abs(nodes - run["nodes_50"])[case.top, 2].max()),
+            "difference_rest": float(np.abs(nodes - run["nodes"])[case.top, 2].max()),
+            "slow_apart": float(np.abs(nodes - up).max()), "back_apart": float(np.abs(nodes - down).max()),
+            "speed_50": run["speed"], "rest_time": run["time"], "rest_speed": run["last_speed"],
+            "decided": sudden.time, "why": sudden.why, "stable_known": len(known),
+            "snapped_solved": snapped(case, sudden.point), "snapped_run": run["snapped"],
+            "frequency": slowest.frequency, "decay_rate": slowest.decay_rate,
+        })  # fmt: skip
+    return rows
+
+
+def lines(case: Case, rows: list[dict]) -> dict:
+    """What the figure draws: top nodes' mean height over load along stable stretches and unstable branches."""
+    def drawn(paths):
+        found = []
+        for path in paths:
+            curves = [curve(path, Quantity("", int(node), 2), PARTS) for node in case.top]
+            found.append([curves[0][0], np.mean([values for _, values in curves], axis=0)])
+        return found
+
+    jumps = {
+        name: [[j.before.parameter, *(height(case, sweep.equations.nodes(p.free)) for p in (j.before, j.after)), j.kind]
+               for j in sweep.jumps]
+        for name, sweep in (("up", case.up), ("back", case.back))
+    }  # fmt: skip
+    detours = [p for sweep in (case.up, case.back) for p in steady_states.detours(sweep, BEHIND)]
+    apart = [i for i, row in enumerate(rows) if min(row["slow_apart"], row["back_apart"]) > SAME]
+    elsewhere = [
+        follow(case.loading, float(LOADS[i]), goal, case.up.equations.nodes(case.sudden[i].point.free), stop="unstable")
+        for i in apart for goal in (LOADS[0], LOADS[-1])
+    ]  # fmt: skip
+    curves = {"up": case.up.stretches, "back": case.back.stretches, "unstable": detours, "elsewhere": elsewhere}
+    return plain({name: drawn(paths) for name, paths in curves.items()}, 6) | {"jumps": jumps}
+
+
+def collect(rounds: int) -> dict:
+    """All measurements: equilibrium_paths.json."""
+    began, where = time.perf_counter(), machine.describe()
+    cases = {name: Case(name) for name in SCENES}
+    for case in cases.values():  # the tables of the honeycombs are made once per process
+        case.sweep()
+    for _ in range(rounds):
+        for case in cases.values():
+            case.round()
+    found = {}
+    for name, case in cases.items():
+        seconds = {what: min(times) for what, times in case.seconds.items()}
+        rows = states(case)
+        found[name] = {"seconds": seconds, "states": rows, "lines": lines(case, rows)}
+        print(f"{name}: sweep {1e3 * seconds['sweep']:.0f} ms, runs {1e3 * seconds['runs']:.0f} ms", file=sys.stderr)
+    return plain({
+        "machine": where, "rounds": rounds, "loads": LOADS, "duration": DURATION, "row": ROW, "tolerance": TOLERANCE,
+        "seconds": round(time.perf_counter() - began), "scenes": found,
+    }, 12)  # fmt: skip
+
+
+# --- showing -----------------------------------------------------------------------------------------------------------
+
+
+def draw(result: dict, folder: Path) -> None:
+    """docs/figures/path_two_bar and so on: without and with NSH side by side."""
+    with style():
+        for name in ("two_bar", "three_bar", "six_bar"):
+            save(figure_of(result, name), folder / f"path_{name}")
+
+
+def figure_of(result: dict, name: str):
+    figure = new_figure(9.0, 4.2)
+    for axes, scene in zip(figure.subplots(1, 2), (name, f"{name}_nsh")):
+        panel(axes, result["scenes"][scene])
+        axes.set(title=scene, xlabel="height of the top nodes, m", ylabel="force on each top node, N", ylim=(-2.0, 75.0))
+        axes.legend(loc="upper left")
+    return figure
+
+
+def panel(axes, scene: dict) -> None:
+    found = scene["lines"]
+    for i, (load, value) in enumerate(found["unstable"]):
+        axes.plot(value, load, "--", color=UNSTABLE, linewidth=0.7, label="unstable" if i == 0 else None)
+    for way, colour, label in (("up", UP, "load grows slowly"), ("back", DOWN, "load falls slowly")):
+        for i, (load, value) in enumerate(found[way]):
+            width = 1.6 if way == "up" else 1.0
+            axes.plot(value, load, "-", color=colour, linewidth=width, label=label if i == 0 else None)
+        for i, (load, before, after, kind) in enumerate(found["jumps"][way]):
+            axes.plot([before, after], [load, load], ":", color=colour, linewidth=0.8)
+            axes.plot([before], [load], "o" if kind == "limit" else "s", color=colour, markersize=3.0)
+    for i, (load, value) in enumerate(found["elsewhere"]):
+        axes.plot(value, load, "-", color=ELSEWHERE, linewidth=1.2, zorder=1.8, label="other stable paths" if i == 0 else None)
+    heights, loads = zip(*((row["height_rest"], row["load"]) for row in scene["states"]))
+    axes.plot(heights, loads, "o", markersize=5.0, markerfacecolor="none", color=DYNAMIC, label="dynamics, sudden load")
+    margin = 0.12 * (max(heights) - min(heights))
+    axes.set_xlim(min(heights) - 4.0 * margin, max(heights) + margin)
+
+
+def agreement_rows(scenes: dict) -> str:
+    body = []
+    for name, scene in scenes.items():
+        rows = scene["states"]
+        still = [row for row in rows if row["speed_50"] < AT_REST]
+        moving = [row for row in rows if row["speed_50"] >= AT_REST]
+        other = [row for row in rows if row["slow_apart"] > SAME]
+        body.append([
+            f"`{name}`",
+            f"{max(row['difference_50'] for row in still):.1e} ({len(still)} loads)",
+            f"{max(row['difference_rest'] for row in rows):.1e}",
+            ", ".join(f"{row['load']:g}" for row in moving) or "–",
+            ", ".join(f"{row['load']:g}" for row in other) or "–",
+        ])  # fmt: skip
+    heads = ["scene", "at rest after 50 s: largest difference, m", "all, once at rest: m",
+             "not at rest after 50 s, N", "a slow load stands elsewhere, N"]  # fmt: skip
+    return table(heads, body)
+
+
+def short(number: float) -> str:
+    """Two digits, never as a power of ten."""
+    return f"{float(f'{number:.2g}'):g}"
+
+
+def time_rows(scenes: dict) -> str:
+    body = []
+    for name, scene in scenes.items():
+        s = scene["seconds"]
+        cells = [short(1e3 * s[what]) for what in ("sweep", "sudden", "runs", "rows", "simulate")]
+        body.append([f"`{name}`", *cells, *(short(s[what] / s["sweep"]) for what in ("runs", "rows", "simulate"))])
+    heads = ["32 loads, ms", "sweep", "sudden states", "runs", "with rows", "by `simulate`"]
+    return table([*heads, "runs / sweep", "rows / sweep", "`simulate` / sweep"], body)
+
+
+def snap_rows(scenes: dict) -> str:
+    body = []
+    for name, scene in scenes.items():
+        cells = []
+        for way in ("up", "back"):
+            jumps = scene["lines"]["jumps"][way]
+            cells.append(", ".join(f"{load:.3f}" for load, *_ in jumps) or "–")
+        body.append([f"`{name}`", *cells])
+    return table(["scene", "jumps while the load grows, N", "and while it falls, N"], body)
+
+
+def snaps_of_the_dynamics(scene: dict) -> list[str]:
+    """Between which loads beams snap, and how many have then."""
+    rows = scene["states"]
+    pairs = [(a, b) for a, b in zip(rows, rows[1:]) if a["snapped_run"] != b["snapped_run"]]
+    return [f"{a['load']:g}–{b['load']:g} ({b['snapped_run']})" for a, b in pairs]
+
+
+def slow_text(scenes: dict) -> str:
+    """The loads under which runs are not at rest, and the modes that say so."""
+    parts = []
+    for name, scene in scenes.items():
+        worst = max(scene["states"], key=lambda row: row["speed_50"])
+        if worst["speed_50"] >= AT_REST:
+            parts.append(
+                f"`{name}` under {worst['load']:g} N still moves at {worst['speed_50']:.1e} m/s after 50 s, "
+                f"{worst['difference_50']:.1e} m off: its longest-lived mode has {worst['frequency']:.3g} Hz and dies out at "
+                f"{worst['decay_rate']:.3g} /s"
+            )
+    return "; ".join(parts) + "." if parts else "All runs are at rest after 50 s."
+
+
+COMMANDS = """```sh
+tensegrity path three_bar_nsh --force n4.z=1 n5.z=1 n6.z=1 --to 72 --back --unstable --figure path.svg --output path.csv
+tensegrity path three_bar --rest-length s4=-0.01 s5=-0.01 s6=-0.01 --to 10
+tensegrity modes six_bar --force n10.z=10 n11.z=10 n12.z=10 --figure modes.svg --output modes.csv
+```"""
+
+PYTHON = """```python
+import numpy as np
+from tensegrity_core.equilibrium import Loading
+from tensegrity_core.modes import modes
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
+from tensegrity_core.steady_states import SuddenLoads, detours, load_sweep, states_at
+
+model = build_model(load_scene("two_bar_nsh"))
+lift = np.zeros_like(model.nodes)
+lift[2:, 2] = 1.0  # N on each top node, times p
+up = load_sweep(Loading(model, lift), np.arange(0.0, 73.0, 2.0))
+down = load_sweep(Loading(model, lift), [72.0, 0.0], nodes=up.nodes[-1])
+print("snaps at", [round(jump.parameter, 3) for jump in up.jumps], "N, back at", round(down.jumps[0].parameter, 3), "N")
+
+known = states_at([*up.stretches, *down.stretches, *detours(up)], 40.0)
+found = SuddenLoads(up.equations).state(40.0, known)
+print(f"of {sum(p.stable for p in known)} stable states under 40 N, a sudden load reaches number {found.known}")
+steady = up.equations.loading.model_at(40.0, up.equations.nodes(found.point.free))
+print(f"its longest-lived mode dies out at {modes(steady, 40.0 * lift)[0].decay_rate:.3g} /s")
+```"""
+
+
+def report(result: dict) -> str:
+    """docs/equilibrium-paths.md."""
+    scenes, where = result["scenes"], result["machine"]
+    blocks = [
+        "# Steady states, solved",
+        "The article's experiment I asks for the steady heights of three structures, each with and without NSH, under 32 "
+        "loads: an upward force of 10 to 72 N on each top node. Here they are solved as points of equilibrium paths, and "
+        "compared with the dynamics, which waits for them.",
+        *(f"![Load over height, {name}](figures/path_{name}.png)" for name in ("two_bar", "three_bar", "six_bar")),
+        "Lines are solved, circles waited for. Solid: stable, of a load that grows (blue) and falls (red) slowly. Dots: limit "
+        "points; squares: loose ends; dotted: jumps. Dashed: unstable branches, their first 60 points behind each limit "
+        "point. Yellow: stable paths that a slow load does not meet, traced from where a sudden load came to rest.",
+        "## Commands",
+        COMMANDS,
+        "`path` says where the structure jumps and why, and where it goes; `--step` gives states at equal steps of p, and "
+        "`--unstable` traces what lies behind limit and branch points. `modes` lists frequency, damping ratio and decay rate "
+        "of every mode about a steady state. In Python:",
+        PYTHON,
+        "## How",
+        "`paths.py` follows equilibria by arclength, through limit points and along unstable branches. Each string keeps its "
+        "piece of the force curve over a step; where it passes the piece's end, the path is solved for that very point, and "
+        "goes on with the next piece. Limit and branch points are roots along the arc, found to round-off; at a branch point "
+        "`branches` gives a start on every path that leaves along an eigenvector of the vanishing stiffness.",
+        "`steady_states.py` makes a slow load of it: along the stable path to where its stability ends, from there by the "
+        "overdamped flow to the next minimum of the potential energy, and on. The honeycombs' force curves are single-valued, "
+        "so all hysteresis is the structure's own: on the way back the paths end at other limit points.",
+        "A load that comes suddenly is another matter. Under many loads several states are stable, and inertia carries the "
+        "structure past some of them. Which one it reaches is decided by a short run with the real dampers: once kinetic and "
+        "potential energy together are below the lowest saddle on the known paths, or could only swing the structure by "
+        "0.2 mm about a state, that state is it, and Newton's method does the rest. States that no path has met are found "
+        "this way, too.",
+        "## Agreement",
+        agreement_rows(scenes),
+        "The differences are of the top nodes' heights, between the state solved for a sudden load and the run. "
+        + slow_text(scenes)
+        + f" Such runs go on until they are slower than {AT_REST:g} m/s.",
+        "## Snaps and hysteresis",
+        snap_rows(scenes),
+        snap_text(scenes),
+        "## Time",
+        time_rows(scenes),
+        time_text(scenes, result),
+        f"Processor time, one thread, least of {result['rounds']} interleaved rounds, {where['processor']}, commit "
+        f"{where['commit']}, {where['date']}, in {result['seconds']} s; the figures stand in "
+        "[equilibrium_paths.json](equilibrium_paths.json). Drawn by `python benchmarks/equilibrium_paths.py`, which also says "
+        "what was measured and how; `--redraw` draws it again from that file.",
+    ]
+    return wrapped_but_code("\n\n".join(block for block in blocks if block)) + "\n"
+
+
+def wrapped_but_code(text: str) -> str:
+    """Paragraphs filled, code as it is."""
+    parts = text.split("```")
+    filled = [wrapped(part) if i % 2 == 0 and part.strip() else part for i, part in enumerate(parts)]
+    return "\n\n".join(f"```{part}```" if i % 2 else part for i, part in enumerate(filled)).strip()
+
+
+def snap_text(scenes: dict) -> str:
+    seen = {name: snaps_of_the_dynamics(scene) for name, scene in scenes.items()}
+    told = [f"`{name}` between {', '.join(found)} N" for name, found in seen.items() if found]
+    rows = [row for scene in scenes.values() for row in scene["states"]]
+    unlike = sum(row["snapped_solved"] != row["snapped_run"] for row in rows)
+    alike = "all" if not unlike else f"{len(rows) - unlike} of {len(rows)}"
+    return (
+        "The jump of `three_bar` at 4.905 N is its weight: there the lift carries the bars' upper ends, all strings are slack, "
+        "and only the bars' lengths are left. Where three honeycombs snap one after the other, their jumps lie close together. "
+        f"The dynamics snaps beams (how many are snapped then, of all honeycombs) in {'; in '.join(told)}; under {alike} loads "
+        "as many are snapped in the state that was solved."
+    )
+
+
+def time_text(scenes: dict, result: dict) -> str:
+    ratios = {what: [s["seconds"][what] / s["seconds"]["sweep"] for s in scenes.values()] for what in ("runs", "simulate")}
+    ends = {what: f"{short(min(found))} to {short(max(found))}" for what, found in ratios.items()}
+    aim = [f"`{name}`" for name, ratio in zip(scenes, ratios["simulate"]) if ratio >= AIM]
+    return (
+        f"The sweep includes everything from the model on, {short(per_load(scenes, min))} to {short(per_load(scenes, max))} ms "
+        f"per load; jumps take most of it. Runs whose outputs are kept every {result['row']:g} s take {ends['simulate']} times "
+        f"as long: the {AIM} times that we had set as an aim are reached by {' and '.join(aim) or 'none'}. Runs without "
+        f"any output take {ends['runs']} times as long, so less than the sweep for most scenes: the kernel is compiled, its "
+        "steps grow to seconds once a small structure is settled, and its 50 s then cost as much as some dozen evaluations of "
+        "the equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
+        "limit points, the way back, and that nothing lies between two loads unseen."
+    )
+
+
+def per_load(scenes: dict, which) -> float:
+    return which(1e3 * s["seconds"]["sweep"] / len(s["states"]) for s in scenes.values())
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("--redraw", action="store_true", help="draw equilibrium_paths.json again, without measuring")
+    options = parser.parse_args(arguments)
+    data = options.output / "equilibrium_paths.json"
+    if not options.redraw:
+        options.output.mkdir(parents=True, exist_ok=True)
+        found = json.dumps(collect(options.rounds), separators=(",", ":"))
+        data.write_text(found.replace('},"', '},\n"').replace("},{", "},\n{") + "\n", encoding="utf-8")
+    result = json.loads(data.read_text(encoding="utf-8"))
+    draw(result, options.output / "figures")
+    text = report(result)
+    (options.output / "equilibrium-paths.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

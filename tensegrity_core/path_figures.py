@@ -1,0 +1,98 @@
+"""Pictures of equilibrium paths: load over a coordinate.
+
+Stable states are solid, unstable ones dashed; a growing load is blue, a falling one red.  Dots are limit points, diamonds
+branch points; thin arrows show where the structure moves on by itself.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .paths import Path, Point
+from .plots import new_figure
+from .steady_states import Jump, Sweep
+
+UP, DOWN, UNSTABLE = "#1f5fa8", "#d1495b", "#6b705c"
+FINE = 12  # parts into which a path's step is drawn
+
+
+class Quantity(NamedTuple):
+    """The coordinate that a picture shows: its name, node and axis."""
+
+    name: str
+    node: int
+    axis: int
+
+    def of(self, path: Path, point: Point) -> float:
+        """m."""
+        return float(path.equations.nodes(point.free)[self.node, self.axis])
+
+    def rate(self, path: Path, point: Point) -> float:
+        """Its derivative by the arc at a point."""
+        place = path.equations.place[self.node, path.equations.model.axes.index(self.axis)]
+        return float(point.direction[place]) if place >= 0 else 0.0
+
+
+def curve(path: Path, quantity: Quantity, fine: int = FINE) -> tuple[np.ndarray, np.ndarray]:
+    """Parameter and coordinate (m) along a path: cubics through its points with its tangents, `fine` parts for each step."""
+    here = np.array([(p.parameter, quantity.of(path, p)) for p in path.points])
+    if len(here) == 1:
+        return here[:, 0], here[:, 1]
+    slope = np.array([(p.direction[-1] / path.scale, quantity.rate(path, p)) for p in path.points])
+    part, pieces = np.arange(fine)[:, None] / fine, []
+    for i, (start, end) in enumerate(zip(path.points, path.points[1:])):
+        length, chord = end.arc - start.arc, here[i + 1] - here[i]
+        first = length * slope[i]
+        # the tangent at a kink is that of the way on: a parabola leads there
+        last = 2.0 * chord - first if end.kind in ("kink", "loose") else length * slope[i + 1]
+        bend = (1.0 - part) * (first - chord) + part * (chord - last)
+        pieces.append(here[i] + part * chord + part * (1.0 - part) * bend)
+    points = np.vstack([*pieces, here[-1:]])
+    return points[:, 0], points[:, 1]
+
+
+def draw_sweep(axes: Axes, sweep: Sweep, quantity: Quantity, colour: str, label: str) -> None:
+    """The stable stretches of a slow load, and its jumps."""
+    for i, path in enumerate(sweep.stretches):
+        parameter, value = curve(path, quantity)
+        axes.plot(value, parameter, "-", color=colour, linewidth=1.8, label=label if i == 0 else None)
+    for jump in sweep.jumps:
+        _draw_jump(axes, sweep, jump, quantity, colour)
+
+
+def _draw_jump(axes: Axes, sweep: Sweep, jump: Jump, quantity: Quantity, colour: str) -> None:
+    path = sweep.stretches[0]
+    start, end = (quantity.of(path, point) for point in (jump.before, jump.after))
+    style = {"arrowstyle": "->", "color": colour, "linewidth": 0.8, "linestyle": ":", "shrinkA": 0.0, "shrinkB": 0.0}
+    axes.annotate("", (end, jump.after.parameter), (start, jump.before.parameter), arrowprops=style)
+    marker = "o" if jump.kind == "limit" else "D" if jump.kind == "branch" else "s"
+    axes.plot([start], [jump.before.parameter], marker, color=colour, markersize=4.0)
+
+
+def draw_unstable(axes: Axes, paths: list[Path], quantity: Quantity) -> None:
+    """Unstable branches, dashed."""
+    for i, path in enumerate(paths):
+        parameter, value = curve(path, quantity)
+        label = "unstable" if i == 0 else None
+        axes.plot(value, parameter, "--", color=UNSTABLE, linewidth=0.9, label=label, zorder=1.5)
+
+
+def path_figure(name: str, sweeps: dict[str, Sweep], unstable: list[Path], quantity: Quantity, load: str) -> Figure:
+    """One picture of a structure's steady states.
+
+    sweeps: label -> sweep, a growing load first; load: what the parameter is, for the axis.
+    """
+    figure = new_figure(720, 540)
+    axes = figure.add_subplot()
+    for (label, sweep), colour in zip(sweeps.items(), (UP, DOWN)):
+        draw_sweep(axes, sweep, quantity, colour, label)
+    draw_unstable(axes, unstable, quantity)
+    axes.set(xlabel=f"{quantity.name} in m", ylabel=load, title=name)
+    axes.grid(color="0.9")
+    axes.legend(frameon=False)
+    figure.tight_layout()
+    return figure

@@ -1,0 +1,269 @@
+"""Steady states under load, solved: which of them a slow load reaches, and which one a load that comes suddenly.
+
+Slow load (`load_sweep`).  The structure follows its stable equilibrium path.  Where the path's stability ends (a limit
+point, a branch point, or a kink beyond which it is unstable) the structure moves on by itself: from there the overdamped
+flow `statics.descend` leads to the next minimum of the potential energy, and the path goes on from that.  The force
+curves of strings are single valued, so all hysteresis is that of the structure: on the way back stability ends elsewhere.
+
+Sudden load (`SuddenLoads`).  Several stable states may exist under one load, and which of them a structure reaches that
+is let go from rest at its start depends on its inertia.  Its energy E = kinetic + potential (loads included) only falls,
+as the dampers take from it.  A way from the basin of one state to that of another leads over a saddle, so once E is below
+the lowest saddle, the state is decided: it is where the flow leads from there.  Until then the kernel's dynamics is run,
+with the real dampers, in short spans.  Saddles are the equilibria with one unstable direction on the paths that were
+traced, so other states may still hide behind lower ones that no path has met; where no saddle is known, the run goes on
+until what is left is a small swing.  Either takes a few seconds of simulated time; the rest is Newton's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from . import statics
+from .equilibrium import Equations, Loading
+from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
+
+#: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
+BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
+PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of an NSH's elongation
+SAME = 1e-7  # m: states nearer than this are one
+FIRST_SPAN, LATER = 0.25, 1.5  # s: of a sudden load, before the first look; each span is so much longer than the one before
+STILL = 2e-4  # m: a swing about a stable state that takes no structure out of its basin
+RUN_TOLERANCE = 1e-8  # of the kernel's run under a sudden load
+
+
+class Jump(NamedTuple):
+    """The structure left one stable path for another at a parameter: the last point before, the first after, and why
+    ('limit', 'branch', 'kink', 'loose')."""
+
+    parameter: float
+    before: Point
+    after: Point
+    kind: str
+
+
+@dataclass
+class Sweep:
+    """What a slow load does: the steady state at each parameter asked for, the stable stretches of path, the jumps."""
+
+    equations: Equations
+    parameters: np.ndarray
+    states: list[Point] = field(default_factory=list)
+    stretches: list[Path] = field(default_factory=list)
+    jumps: list[Jump] = field(default_factory=list)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """(K, N, 3) m, at the parameters asked for."""
+        return np.array([self.equations.nodes(p.free) for p in self.states])
+
+
+def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) -> Sweep:
+    """The steady states that a slow load reaches, one parameter after the other, up or down.
+
+    nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
+    Raises PathError where a path cannot be followed, NoEquilibrium where the flow finds no minimum.
+    """
+    parameters = np.asarray(parameters, dtype=float)
+    loading.check(float(parameters.min()), float(parameters.max()))
+    equations = Equations(loading)
+    scale = scale_of(loading.model, parameters.min(), parameters.max())
+    sweep = Sweep(equations, parameters)
+    here = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, float(parameters[0]), 1.0)
+    if not here.stable:
+        raise PathError(f"the state at p = {parameters[0]!r} is not stable; start from one that is")
+    sweep.states.append(here)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
+    for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
+        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist())
+    return sweep
+
+
+def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Point:
+    """Parameters that only grow, or only fall; the first is where `here` stands."""
+    equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
+    here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
+    while done < len(goals):
+        path = follow_from(equations, scale, here, -side * np.inf, goals[-1], stop="unstable")
+        sweep.stretches.append(path)
+        for before, after in zip(path.points, path.points[1:]):
+            while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
+                sweep.states.append(between(equations, scale, before, after, goals[done]))
+                done += 1
+        if path.end == "to":
+            return path.points[-1]
+        here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
+        while done < len(goals) and side * goals[done] <= side * here.parameter:
+            sweep.states.append(between(equations, scale, here, here, goals[done]))
+            done += 1
+    return here
+
+
+def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> Point:
+    """The stable state that the flow reaches from the end of a path."""
+    equations, last = sweep.equations, path.points[-1]
+    parameter = last.parameter + side * BEYOND[path.end] * way
+    loaded = equations.loading.model_at(parameter, equations.nodes(last.free))
+    surface = FlowSurface(equations, parameter, loaded)
+    tangent = equations.at(last.free, last.parameter, last.piece)
+    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
+        beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
+        forward = path.points[-2 if beside else -1].direction[:-1]
+        escape = forward / np.linalg.norm(forward)
+    else:
+        escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
+        escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
+    start = equations.moved(last.free, 0.1 * surface.reach * escape)
+    nodes = statics.descend(surface, equations.nodes(start), surface.balanced)
+    here = point_at(equations, scale, nodes, parameter, side)
+    if not here.stable:
+        raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
+    sweep.jumps.append(Jump(parameter, last, here, path.end))
+    return here
+
+
+class FlowSurface(statics._Surface):
+    """The potential energy at one parameter, evaluated by `Equations`: what `statics.descend` needs, faster."""
+
+    def __init__(self, equations: Equations, parameter: float, loaded):
+        super().__init__(loaded, equations.loading.forces(parameter), statics._Modes)
+        self.equations, self.parameter = equations, parameter
+        model = equations.model
+        self._far = PART_OF_BAR * float(model.bar_length.min())
+        self._narrow = np.array([PART_OF_BEAM * min(law.h) if law else np.inf for law in model.nsh])
+
+    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
+        """Whether a step is small beside the bars, and beside the beams in what it does to NSH strings that carry."""
+        if np.abs(step).max(initial=0.0) > self._far:
+            return False
+        free = self.equations.free(nodes)
+        before = self.equations.stretch(free, self.parameter)
+        after = self.equations.stretch(self.equations.moved(free, step), self.parameter)
+        return bool((np.abs(np.maximum(after, 0.0) - np.maximum(before, 0.0)) <= self._narrow).all())
+
+    def energy(self, nodes: np.ndarray) -> float:
+        return self.equations.energy(self.equations.free(nodes), self.parameter)
+
+    def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return self.equations.nodes(self.equations.moved(self.equations.free(nodes), step))
+
+    def at(self, nodes: np.ndarray):
+        free = self.equations.free(nodes)
+        stretch = self.equations.stretch(free, self.parameter)
+        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(stretch))
+        energy = self.equations.energy(free, self.parameter)
+        return statics._Point(energy, tangent.basis, tangent.pull, statics._Modes(tangent.stiffness))
+
+
+# --- all states at a load, and the one that a sudden load reaches ------------------------------------------------------
+
+
+def detours(sweep: Sweep, most_points: int = 100) -> list[Path]:
+    """What lies behind the points where the sweep's stable paths end: behind a limit point the unstable branch up to where it
+    is stable again, at a branch point every path that leaves it.  Each ends at the sweep's parameters or with so many
+    points; one that cannot be followed at all is left out."""
+    found = []
+    for path in sweep.stretches:
+        if path.end in ("limit", "branch") and len(path.points) > 1:
+            ways = [(path.points[-2]._replace(arc=0.0), "stable" if path.end == "limit" else "")]
+            if path.end == "branch":
+                ways += [(point._replace(arc=0.0), "") for point in branches(path, path.points[-1])]
+            found += [traced for way, stop in ways if (traced := _traced(sweep, path.scale, way, most_points, stop))]
+    return found
+
+
+def _traced(sweep: Sweep, scale: float, way: Point, most_points: int, stop: str) -> Path | None:
+    low, high = float(sweep.parameters.min()), float(sweep.parameters.max())
+    bounds = (low, high) if way.direction[-1] > 0.0 else (high, low)
+    try:
+        return follow_from(sweep.equations, scale, way, *bounds, most_points, stop)
+    except PathError:
+        return None
+
+
+def states_at(paths: list[Path], parameter: float) -> list[Point]:
+    """The distinct equilibria of several paths at p, stable or not, in order of energy."""
+    found: list[Point] = []
+    for path in paths:
+        for point in path.at(parameter):
+            if all(np.abs(point.free - other.free).max() > SAME for other in found):
+                found.append(point)
+    return sorted(found, key=lambda point: paths[0].equations.energy(point.free, parameter))
+
+
+class Sudden(NamedTuple):
+    """The state that a sudden load reaches: the point; its place among the stable states that were known, -1 if it is none
+    of them; the simulated time (s) that decided; why: 'energy' (it was below the lowest saddle), 'swing' (what energy was
+    left could hardly move the structure), 'time' (the span ended: the state to which the flow leads from there)."""
+
+    point: Point
+    known: int
+    time: float
+    why: str
+
+
+class SuddenLoads:
+    """A model that stands at its start until a load is there at once; for as many loads as one likes."""
+
+    def __init__(self, equations: Equations):
+        from .kernel import Kernel  # what does not ask for dynamics needs no compiled kernel
+
+        self.equations = equations
+        self._kernel = Kernel(equations.model, tolerance=RUN_TOLERANCE)
+
+    def state(self, parameter: float, known: list[Point] = (), longest: float = 50.0) -> Sudden:
+        """Where the model comes to rest under the load of p.  known: the equilibria at p, see `states_at`; longest: s."""
+        energy, stable = self.equations.energy, [point for point in known if point.stable]
+        saddles = [energy(point.free, parameter) for point in known if point.unstable == 1]
+        barrier = min(saddles, default=-np.inf) if stable else -np.inf
+        run, span, found, why = _Released(self.equations, self._kernel, parameter), FIRST_SPAN, None, "time"
+        while why == "time" and run.time < longest:
+            run.go_on(min(span, longest - run.time))
+            span *= LATER
+            if run.energy < barrier:
+                why = "energy"
+            elif (found := run.nearly_at_rest()) is not None:
+                why = "swing"
+        point = run.flow() if found is None else found
+        place = [i for i, other in enumerate(stable) if np.abs(point.free - other.free).max() <= SAME]
+        return Sudden(point, place[0] if place else -1, run.time, why)
+
+
+class _Released:
+    """The kernel's run of a model let go under a load."""
+
+    def __init__(self, equations: Equations, kernel, parameter: float):
+        self.equations, self.parameter, self.time, self._kernel = equations, parameter, 0.0, kernel
+        self.scale = scale_of(equations.model, 0.0, parameter)
+        kernel["force"][:] = equations.free(equations.loading.forces(parameter))
+        kernel["rest_length"][:] = equations.loading.rest_lengths(parameter)
+        kernel.initialize()
+
+    def go_on(self, span: float) -> None:
+        self._kernel.step(span)
+        self.time += span
+        model = self.equations.model
+        self.free = self._kernel["position"].reshape(len(model.nodes), -1)[model.free_nodes].ravel().copy()
+        self.kinetic = float(self._kernel["kinetic"][0])
+        self.energy = self.kinetic + self.equations.energy(self.free, self.parameter)
+
+    def nearly_at_rest(self) -> Point | None:
+        """The stable state beside, if the energy that is left moves the structure by no more than STILL about it."""
+        if 2.0 * self.kinetic > self.equations.stiffest * STILL**2:
+            return None
+        try:
+            point = point_at(self.equations, self.scale, self.equations.nodes(self.free), self.parameter, 1.0)
+        except PathError:
+            return None
+        left = max(self.energy - self.equations.energy(point.free, self.parameter), 0.0)
+        near = np.abs(self.free - point.free).max() <= STILL
+        return point if point.stable and near and 2.0 * left <= point.values[0] * STILL**2 else None
+
+    def flow(self) -> Point:
+        """The stable state to which the flow leads from here."""
+        nodes = self.equations.nodes(self.free)
+        surface = FlowSurface(self.equations, self.parameter, self.equations.loading.model_at(self.parameter, nodes))
+        nodes = statics.descend(surface, nodes, surface.nearly_balanced)
+        return point_at(self.equations, self.scale, nodes, self.parameter, 1.0)

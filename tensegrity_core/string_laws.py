@@ -1,0 +1,190 @@
+"""The elastic tension of all strings at once, each on a given piece of its force curve.
+
+Pieces are numbered as in `nsh`: 0 is slack, 1 taut; an NSH goes on with the pieces of its series curve, up to the one
+where it has bottomed out.  On its piece a string's law is smooth, also beyond the piece's ends, so that Newton's method
+needs to know of no kink.
+
+Every piece is a row of panels, and on a panel force and stiffness are polynomials of t = -1..1.  Slack, linear, snap and
+bottomed-out pieces are polynomials anyway.  Rises are cut into panels until the Chebyshev interpolants of the exact
+force and of the exact stiffness err by round-off only; beyond its ends a rise goes on with its second order Taylor polynomial.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+
+from . import nsh as nsh_law
+from .model import NSH, Model
+
+DEGREE = 11
+ACCURACY = 2e-15  # largest error of a rise's force, relative to the end force
+MAX_PANELS = 256
+
+
+class _Panel(NamedTuple):
+    """centre, half: m, of the elongations that t = -1..1 stands for; reach: |t| beyond which Taylor's polynomial takes over;
+    force, stiffness: coefficients of t^0, t^1 …, N and N/m; energy: J, the same, integrated from no elongation."""
+
+    centre: float
+    half: float
+    reach: float
+    force: np.ndarray
+    stiffness: np.ndarray
+    energy: np.ndarray
+
+
+def _panel(centre: float, half: float, reach: float, force, stiffness, stored: float) -> _Panel:
+    """stored: J at the panel's start t = -1, or at t = 0 of a panel without ends."""
+    energy = half * polynomial.polyint(force)
+    energy[0] += stored - (polynomial.polyval(-1.0, energy) if np.isfinite(reach) else energy[0])
+    return _Panel(centre, half, reach, np.asarray(force), np.asarray(stiffness), energy)
+
+
+@lru_cache(maxsize=64)
+def _nsh_panels(nsh: NSH) -> tuple[tuple[_Panel, ...], ...]:
+    """Panels of the pieces 1..P."""
+    found = []
+    for number, piece in enumerate(nsh_law.curve(nsh).pieces, 1):
+        stored = float(nsh_law.energy(nsh, piece.xi_start, 0.0))
+        found.append((_snap(nsh, piece, stored),) if piece.snap else _rise(nsh, number, piece))
+    return tuple(found)
+
+
+def _snap(nsh: NSH, piece, stored: float) -> _Panel:
+    """The leading beam's cubic (eq. 11) about its u = 0, the other beams held."""
+    Q, zeta, h = (getattr(nsh, name)[piece.lead] for name in ("Q", "zeta", "h"))
+    force = Q * np.array([0.0, 2.0 * (1.0 + zeta), -3.0 * zeta, zeta])
+    panel = _panel(piece.held, h, np.inf, force, polynomial.polyder(force) / h, 0.0)
+    panel.energy[0] += stored - polynomial.polyval((piece.xi_start - piece.held) / h, panel.energy)
+    return panel
+
+
+def _rise(nsh: NSH, number: int, piece) -> tuple[_Panel, ...]:
+    """Chebyshev interpolants on equal panels, as many as ACCURACY asks for."""
+    best, best_error = (), np.inf
+    count = 4
+    while count <= MAX_PANELS:
+        panels, error = _fitted(nsh, number, piece, count)
+        if error < best_error:
+            best, best_error = panels, error
+        if error <= ACCURACY * nsh_law.curve(nsh).end_force or error > 0.5 * best_error and count > 16:
+            break
+        count *= 2
+    return best
+
+
+def _fitted(nsh: NSH, number: int, piece, count: int) -> tuple[tuple[_Panel, ...], float]:
+    """So many panels, and the largest error of their forces between the nodes, N."""
+    half = 0.5 * (piece.xi_end - piece.xi_start) / count
+    between = np.array([-0.95, -0.4, 0.13, 0.7])
+    panels, error = [], 0.0
+    for i in range(count):
+        centre = piece.xi_start + (2 * i + 1) * half
+
+        def force(t):
+            return np.array([nsh_law.force_on_piece(nsh, number, centre + half * x, 0.0) for x in t])
+
+        def stiffness(t):
+            return np.asarray(nsh_law.stiffness(nsh, centre + half * np.clip(t, -1.0, 1.0), 0.0))
+
+        fits = [chebyshev.cheb2poly(chebyshev.chebinterpolate(law, DEGREE)) for law in (force, stiffness)]
+        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - force(between)).max()))
+        stored = float(nsh_law.energy(nsh, centre - half, 0.0))
+        panels.append(_panel(centre, half, 1.0, *fits, stored))
+    return tuple(panels), error
+
+
+class StringLaws:
+    """Tension, stiffness and energy of a model's strings.
+
+    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece.
+    """
+
+    def __init__(self, model: Model):
+        pieces = [_pieces(law, float(k)) for law, k in zip(model.nsh, model.stiffness)]
+        ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in model.nsh]
+        most = max((len(p) for p in pieces), default=0)
+        shape = (len(pieces), most)
+        self._all = most * np.arange(len(pieces))  # where each string's row of pieces begins
+        self.lower, self.upper = np.full(shape, -np.inf), np.full(shape, np.inf)
+        first, count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
+        self._ends = np.full((len(pieces), max(most - 1, 0)), np.inf)
+        self.last = np.array([len(p) - 1 for p in pieces], dtype=int)
+        rows: dict[tuple, int] = {}
+        panels: list[_Panel] = []
+        for s, (own, breaks) in enumerate(zip(pieces, ends)):
+            self._ends[s, : len(breaks)] = breaks
+            self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
+            for p, row in enumerate(own):
+                key = (model.nsh[s], p, float(model.stiffness[s]))
+                if key not in rows:
+                    rows[key] = len(panels)
+                    panels += row
+                first[s, p], count[s, p] = rows[key], len(row)
+        start = np.where(np.isfinite(self.lower), self.lower, 0.0)
+        cut = np.isfinite(self.upper) & (count > 1)
+        self._density = np.where(cut, count / np.where(cut, self.upper - start, 1.0), 0.0).ravel()  # panels per m
+        self._start, self._first, self._most = start.ravel(), first.ravel(), count.ravel() - 1
+        self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
+        self._laws = np.stack([_table([p.force for p in panels]), _table([p.stiffness for p in panels])], axis=1)
+        self._bend = _table([polynomial.polyder(p.stiffness) / p.half for p in panels])
+        self._energy = _table([p.energy for p in panels], DEGREE + 2)
+
+    def piece_of(self, stretch: np.ndarray) -> np.ndarray:
+        """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
+        return (stretch[:, None] > self._ends).sum(axis=1)
+
+    def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S,), (S,) m: elongations at which these pieces begin and end."""
+        return self.lower.ravel()[self._all + piece], self.upper.ravel()[self._all + piece]
+
+    def __call__(self, stretch: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
+        row, powers, over = self._place(stretch, piece)
+        force, stiffness = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
+        if over.any():
+            force, stiffness = force.copy(), stiffness.copy()
+            bend = np.einsum("ij,ij->i", self._bend[row], powers)
+            force += over * (stiffness + 0.5 * bend * over)
+            stiffness += bend * over
+        return force, stiffness
+
+    def energy(self, stretch: np.ndarray, piece: np.ndarray) -> np.ndarray:
+        """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
+        row, powers, _ = self._place(stretch, piece, DEGREE + 2)
+        return np.einsum("ij,ij->i", self._energy[row], powers)
+
+    def _place(self, stretch, piece, count: int = DEGREE + 1):
+        """Row of each string's panel, powers of its t there (S, count), and how far (m) it lies beyond its piece."""
+        at = self._all + piece
+        row = ((stretch - self._start[at]) * self._density[at]).astype(int)
+        row = self._first[at] + np.minimum(np.maximum(row, 0), self._most[at])
+        centre, half, reach = self._spans[:, row]
+        t = (stretch - centre) / half
+        inside = np.minimum(np.maximum(t, -reach), reach)
+        powers = np.empty((len(row), count))
+        powers[:, 0], powers[:, 1:] = 1.0, inside[:, None]
+        return row, np.multiply.accumulate(powers, axis=1, out=powers), (t - inside) * half
+
+
+def _pieces(law: NSH | None, k: float) -> list[tuple[_Panel, ...]]:
+    """Panels of a string's pieces from 0 on; k: N/m."""
+    slack = _panel(0.0, 1.0, np.inf, [0.0], [0.0], 0.0)
+    if law is None:
+        return [(slack,), (_panel(0.0, 1.0, np.inf, [0.0, k], [k], 0.0),)]
+    c = nsh_law.curve(law)
+    end = c.breakpoints[-1]
+    beyond = _panel(end, 1.0, np.inf, [c.end_force, k], [k], float(nsh_law.energy(law, end, k)))
+    return [(slack,), *_nsh_panels(law), (beyond,)]
+
+
+def _table(rows: list[np.ndarray], count: int = DEGREE + 1) -> np.ndarray:
+    """(R, count): coefficient lists padded with zeros."""
+    table = np.zeros((len(rows), count))
+    for i, row in enumerate(rows):
+        table[i, : len(row)] = row
+    return table
