@@ -159,6 +159,8 @@ def _variable(field, name, role, component, reference, start, model, known, nami
     name = name.format(**component)
     causality, variability, initial = ROLES[role]
     low, high = _limits(field, component, model)
+    if field.name == "stiffness" and model.string_names.index(component["S"]) in model.memories:
+        variability = "fixed"  # it shapes the force curve
     kind = "Real"
     if field in INTEGER_FIELDS:
         kind = "Enumeration" if field.name == "method" else "Integer"
@@ -221,6 +223,8 @@ def _components(field: Field, model: Model) -> Iterator[dict[str, object]]:
 
 
 def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | None, float | int | None]:
+    if field.name == "nsh_zeta" and not model.nsh[model.string_names.index(component["Z"])].plain:
+        return POSITIVE, None
     if field.name == "snapped":
         return 0, component["beams"]
     if field.name == "method":

@@ -82,7 +82,6 @@ _PROTOTYPES = {
     "ts_breakpoints": (c_int, c_void_p, c_int32, POINTER(c_double), c_int32),
     "ts_piece_law": (c_int, c_void_p, c_int32, c_int32, c_double, POINTER(c_double)),
     "ts_curve_pieces": (c_int, c_void_p, c_int32, POINTER(_Piece), c_int32),
-    "ts_slack": (c_int, c_void_p, c_int32, c_int32),
 }
 
 
@@ -242,13 +241,17 @@ class Kernel:
 
     def consequence(self, transition: Transition) -> str:
         """What a transition means for its string: 'slack', 'taut', how many of its NSH's beams are snapped where that changes,
-        or '' (a kink of the force curve)."""
+        what a snap loses, or '' (a kink of the force curve)."""
         pieces = transition.before, transition.after
-        was, is_slack = (bool(self._library.ts_slack(self._sim, transition.string, piece)) for piece in pieces)
-        if was != is_slack:
-            return "slack" if is_slack else "taut"
         before, after = (self._library.ts_snapped(self._sim, transition.string, piece) for piece in pieces)
-        return f"{after} snapped" if after != before else ""
+        found = []
+        if 0 in pieces and pieces != (0, 0):
+            found.append("slack" if transition.after == 0 else "taut")
+        elif after != before:
+            found.append(f"{after} snapped")
+        if transition.loss > 0.0:
+            found.append(f"{transition.loss!r} J lost")
+        return ", ".join(found)
 
     @property
     def transition_count(self) -> int:

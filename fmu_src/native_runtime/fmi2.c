@@ -388,14 +388,14 @@ FMI2_Export fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference v
 
 static const char *string_name(const instance *fmu, int32_t string) { return fmu->table.name[fmu->table.count + string]; }
 
-/* What a transition means for its string, after a comma, or nothing: a kink of the force curve. */
-static const char *consequence(const instance *fmu, const ts_transition *t, char text[32])
+/* What a transition means for its string, after commas, or nothing: a kink of the force curve. */
+static const char *consequence(const instance *fmu, const ts_transition *t, char text[80])
 {
-    int slack = ts_slack(fmu->sim, t->string, t->after);
-    if (slack != ts_slack(fmu->sim, t->string, t->before)) return slack ? ", slack" : ", taut";
+    char number[32], what[32] = "";
     int snapped = (int)ts_snapped(fmu->sim, t->string, t->after);
-    if (snapped == ts_snapped(fmu->sim, t->string, t->before)) return "";
-    snprintf(text, 32, ", %d snapped", snapped);
+    if (!t->after != !t->before) snprintf(what, sizeof what, t->after ? ", taut" : ", slack");
+    else if (snapped != ts_snapped(fmu->sim, t->string, t->before)) snprintf(what, sizeof what, ", %d snapped", snapped);
+    snprintf(text, 80, t->loss > 0.0 ? "%s, %s J lost" : "%s", what, fmu_number(t->loss, number));
     return text;
 }
 
@@ -403,7 +403,7 @@ static void log_events(const instance *fmu)
 {
     const ts_transition *t = ts_transitions(fmu->sim);
     int64_t count = ts_transition_count(fmu->sim);
-    char time[32], meaning[32];
+    char time[32], meaning[80];
     for (int64_t i = 0; i < count && i < MAX_EVENTS; i++)
         fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s%s", string_name(fmu, t[i].string), (int)t[i].before,
                 (int)t[i].after, fmu_number(t[i].time, time), consequence(fmu, t + i, meaning));

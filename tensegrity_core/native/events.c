@@ -272,19 +272,29 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
     return first;
 }
 
+/* How a piece is called in a transition: without memory by its place in order of elongation, with memory by its snapped parts. */
+static int called(const ts_curve *c, int piece)
+{
+    const ts_piece *p = c->piece + piece;
+    return !c->branches ? piece : p->kind == TS_SLACK ? 0 : 1 + p->snapped;
+}
+
 static void change_piece(ts_sim *sim, double tau, int i, int piece, double loss)
 {
     ts_memory *memory = &sim->memory;
-    int taut = sim->taut[i];
+    int taut = sim->taut[i], before = called(sim->curve + i, sim->piece[i]), after;
     if (piece < 0) return; /* there is none */
-    if (sim->transition_count < TS_MAX_TRANSITIONS)
-        sim->transitions[sim->transition_count] =
-            (ts_transition){memory->time + (tau + memory->time_low), loss, i, sim->piece[i], piece, 0};
+    after = called(sim->curve + i, piece);
+    ts_place(sim, i, piece);
+    if (before != after || loss > 0.0) { /* else parts of one branch, which join smoothly */
+        if (sim->transition_count < TS_MAX_TRANSITIONS)
+            sim->transitions[sim->transition_count] =
+                (ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
+        sim->transition_count++;
+        memory->stats[TS_TRANSITIONS]++;
+    }
     sim->y[2 * sim->m.nq] += loss;
     sim->y[2 * sim->m.nq + 2] += loss;
-    sim->transition_count++;
-    memory->stats[TS_TRANSITIONS]++;
-    ts_place(sim, i, piece);
     sim->force_jumps |= taut != sim->taut[i] || loss > 0.0; /* by its damper, by a snap with memory; else pieces join */
 }
 

@@ -90,7 +90,9 @@ int32_t ts_transition_stored(const ts_sim *sim)
 const ts_transition *ts_transitions(const ts_sim *sim) { return sim->transitions; }
 int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
 {
-    return sim->curves_ready && piece < sim->curve[string].pieces ? sim->curve[string].piece[piece].snapped : 0;
+    if (!sim->curves_ready || piece <= 0) return 0;
+    const ts_curve *c = sim->curve + string;
+    return c->branches ? piece - 1 : piece < c->pieces ? c->piece[piece].snapped : 0;
 }
 void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
 
@@ -563,7 +565,3 @@ int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out,
     return c->pieces;
 }
 
-int ts_slack(const ts_sim *sim, int32_t string, int32_t piece)
-{
-    return sim->curves_ready && piece < sim->curve[string].pieces ? sim->curve[string].piece[piece].kind == TS_SLACK : piece == 0;
-}

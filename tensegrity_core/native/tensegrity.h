@@ -37,7 +37,7 @@ typedef struct {
     double time;    /* s */
     double loss;    /* J, dissipated by a snap of a string with memory */
     int32_t string; /* index */
-    int32_t before; /* piece of the force curve; 0 is slack, see ts_curve_pieces() */
+    int32_t before; /* 0: slack; else the piece of the force curve, of a string with memory 1 + its snapped parts */
     int32_t after;
     int32_t padding;
 } ts_transition;
@@ -86,7 +86,7 @@ TS_API int ts_output_derivatives(ts_sim *sim, double *out);
 TS_API int64_t ts_transition_count(const ts_sim *sim);
 TS_API int32_t ts_transition_stored(const ts_sim *sim);
 TS_API const ts_transition *ts_transitions(const ts_sim *sim);
-TS_API int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece); /* beams past their force maximum on that piece */
+TS_API int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece); /* beams past their force maximum on a piece as transitions have it */
 TS_API void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]); /* since ts_initialize() */
 
 /* Complete state as bytes: versioned, bound to the model, with a checksum. */
@@ -117,7 +117,6 @@ typedef struct {
 } ts_curve_piece_info;
 
 TS_API int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out, int32_t capacity); /* how many there are */
-TS_API int ts_slack(const ts_sim *sim, int32_t string, int32_t piece); /* does the string bear nothing on that piece? */
 
 #ifdef __cplusplus
 }
