@@ -127,7 +127,8 @@ def take_apart(models: dict[str, Model]) -> dict[str, Model]:
     found: dict[str, Model] = {}
     for name, model in models.items():
         if not model.actuated:
-            raise TensegrityError(f"--detach-actuators: {name} has no actuator; give one of its strings one, or leave the option out")
+            remedy = "give one of its strings one, or leave the option out"
+            raise TensegrityError(f"--detach-actuators: {name} has no actuator; {remedy}")
         models[name], actuators = detached(model)
         found |= {actuator.name: actuator for actuator in actuators.values()}
     return found

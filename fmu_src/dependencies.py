@@ -1,5 +1,5 @@
-"""On which inputs and parameters each output depends at the start, where positions and velocities are the scene's, but for those
-of moved nodes and of the bars that are pinned to them.
+"""On which inputs and parameters each output depends at the start, where positions and velocities are the scene's, but for
+those of moved nodes and of the bars that are pinned to them.
 
 At the start the lengths of the strings are given, so that an elastic force depends on its own string only; a bar pinned
 at one end swings under everything at its tip, a free bar's axial force is half the difference of its two end forces.

@@ -67,7 +67,8 @@ def pack_python_fmu(
     """Write the FMU of a model, over pythonfmu, for the platform that runs this; returns its path.
 
     destination: the .fmu file; library: the kernel's C library, by default the one that this Python uses; naming: of
-    the variables, 'structured' or 'flat'; simple: see model_description.plain.  Raises PackError where pythonfmu has no binary for this platform.
+    the variables, 'structured' or 'flat'; simple: see model_description.plain.  Raises PackError where pythonfmu has no
+    binary for this platform.
     """
     files = python_fmu_files(model, naming, library or CORE / "native" / LIBRARY, simple)
     write_zip(destination, files)

@@ -85,7 +85,8 @@ def _inputs(model: Model, times: np.ndarray):
         )
 
     if model.moving or model.actuated:
-        yield "drives", "moved nodes shaken, currents swinging", held(model, times, current=_currents(model), motion=_shaking(model))
+        inputs = held(model, times, current=_currents(model), motion=_shaking(model))
+        yield "drives", "moved nodes shaken, currents swinging", inputs
 
     push = np.zeros((len(model.nodes), 3))
     push[node, list(model.axes)] = np.array([100.0, 50.0, -30.0])[list(model.axes)]

@@ -1,6 +1,6 @@
 """Force laws of strings as trees of elements, eq. 9 and 10: what a string is made of, not how it is computed.
 
-An element's force is a function of its elongation x >= 0 with f(0) = 0; a damper's is one of the rate of elongation with f(0) = 0.
+An element's force is a function of its elongation x >= 0 with f(0) = 0, a damper's one of the rate of elongation with f(0) = 0.
 The exact evaluation stands in `laws`, that with memory in `hysteresis`, the kernel's in native/.
 """
 

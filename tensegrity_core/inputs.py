@@ -18,7 +18,8 @@ from .model import Model
 @dataclass(frozen=True)
 class Inputs:
     """times: (K+1,) s, increasing; force: (K, N, 3) N; rest_length: (K, S) m; rest_length_rate: (K, S) m/s;
-    current: (K, A) A; drum_load: (K, A) N, pull on the actuators' drums beside their strings'; node_position, node_velocity, node_acceleration: (K, E, 3) m, m/s, m/s2, of the moved nodes.
+    current: (K, A) A; drum_load: (K, A) N, pull on the actuators' drums beside their strings'; node_position, node_velocity,
+    node_acceleration: (K, E, 3) m, m/s, m/s2, of the moved nodes.
 
     None means: as the model starts, see `resolved`.  The rest lengths of strings with an actuator are ignored.
     """

@@ -30,8 +30,8 @@ class Result:
     string_length: (K+1, S) m; bar_force: (K+1, B) N, tension positive, -lambda l of eq. 1 (the mean over the bar);
     reaction: (K+1, N, 3) N, zero at free nodes; kinetic, potential, elastic, dissipated, input_work, throughput: (K+1,) J;
     snapped: (K+1, H) int, beams past their force maximum; wound_rest_length, wound_rest_length_rate, motor_speed: (K+1, A) m,
-    m/s, rad/s, of the strings with an actuator; velocities are zero at fixed nodes, moved or not; transitions: in order of time; stats: counters of the
-    run.
+    m/s, rad/s, of the strings with an actuator; velocities are zero at fixed nodes, moved or not; transitions: in order of
+    time; stats: counters of the run.
     """
 
     times: np.ndarray

@@ -59,7 +59,9 @@ LABORATORY = {
         "s10": {"nodes": ["n9", "n6"], "stiffness": 500.0, "damping": 20.0},
     },
     "prestress": {
-        "tension": {"s1": 2.0, "s2": 2.0, "s3": 2.0, "s4": 8.0, "s5": 8.0, "s6": 8.0, "s7": 6.0, "s8": 6.0, "s9": 3.0, "s10": 3.0}
+        "tension": dict.fromkeys(("s1", "s2", "s3"), 2.0)
+        | dict.fromkeys(("s4", "s5", "s6"), 8.0)
+        | {"s7": 6.0, "s8": 6.0, "s9": 3.0, "s10": 3.0}
     },
 }
 

@@ -48,7 +48,8 @@ def test_fmu_gives_what_the_kernel_gives(laboratory):
     expected = simulate(model, scenario.inputs)
     for field in FIELDS:
         if field.role == "output":
-            np.testing.assert_allclose(outputs[field.name], getattr(expected, field.name), rtol=1e-12, atol=1e-12, err_msg=field.name)
+            known = getattr(expected, field.name)
+            np.testing.assert_allclose(outputs[field.name], known, rtol=1e-12, atol=1e-12, err_msg=field.name)
     assert [(t.string, t.before, t.after) for t in events] == [(t.string, t.before, t.after) for t in expected.transitions]
 
 

@@ -1,4 +1,4 @@
-"""The kernel's point masses, drag, moved nodes, actuators and gravity vectors against closed forms and independent equations."""
+"""The kernel's point masses, drag, moved nodes, actuators and gravity vectors against closed forms and other equations."""
 
 from dataclasses import replace
 
@@ -331,7 +331,8 @@ def test_kernel_agrees_with_the_reference(law):
     expected, found = reference.simulate(model, inputs), simulate(model, inputs)
     for name in ("position", "string_length", "wound_rest_length"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
-    for name in ("velocity", "motor_speed", "wound_rest_length_rate", "kinetic", "potential", "elastic", "dissipated", "input_work"):
+    energies = ("kinetic", "potential", "elastic", "dissipated", "input_work")
+    for name in ("velocity", "motor_speed", "wound_rest_length_rate", *energies):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-7, err_msg=name)
     for name in ("string_force", "elastic_force", "bar_force", "reaction"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-4, err_msg=name)

@@ -214,7 +214,8 @@ def test_output_derivatives_are_those_of_the_motion(name, slope, law):
     early, late = ends[t - shift], ends[t + shift]
     for field in OUTPUTS:
         expected = (late[field] - early[field]) / (2.0 * shift)
-        np.testing.assert_allclose(found[field], expected, rtol=1e-4, atol=1e-4 * max(1.0, np.abs(expected).max(initial=0.0)), err_msg=field)
+        scale = max(1.0, np.abs(expected).max(initial=0.0))
+        np.testing.assert_allclose(found[field], expected, rtol=1e-4, atol=1e-4 * scale, err_msg=field)
 
 
 def test_output_derivatives_do_not_disturb_the_run():

@@ -5,10 +5,10 @@
  *     (m + m_1 + m_2) r'' = F,    I b'' = P (upper f2 - lower f1) - I (|b'|^2/|b|^2) b,
  *     I = m/12 + m (lower - 1/2)^2 + m_1 lower^2 + m_2 upper^2;    pinned: I = m/3 + m_p.
  * Drag.  A force -c v on a node.
- * Moved nodes.  Over a step x = x_0 + v t + a t^2/2.  A bar pinned there feels -(m/2 + m_p) a like a weight.  A jump of v by dv is an
- * impulse: c' changes by -kappa P dv, kappa = (m/2 + m_p)/(m/3 + m_p).  A jump of x carries the bar along and has no impulse.
- * Actuators, eq. 8 with the sign of winding in: J_a delta'' + d_a delta' = k_a i - r T, xi0 = xi0(0) - r delta.  The coordinate is
- * w = r delta, in m, with the inertia J_a/r^2: (J_a/r^2) w'' = (k_a/r) i - T - (d_a/r^2) w'; a load on the drum adds to T.
+ * Moved nodes.  Over a step x = x_0 + v t + a t^2/2.  A bar pinned there feels -(m/2 + m_p) a like a weight.  A jump of v by dv
+ * is an impulse: c' changes by -kappa P dv, kappa = (m/2 + m_p)/(m/3 + m_p).  A jump of x carries the bar along without one.
+ * Actuators, eq. 8 with the sign of winding in: J_a delta'' + d_a delta' = k_a i - r T, xi0 = xi0(0) - r delta.  The coordinate
+ * is w = r delta, in m, with the inertia J_a/r^2: (J_a/r^2) w'' = (k_a/r) i - T - (d_a/r^2) w'; a load on the drum adds to T.
  * Each actuator has a block of its own, behind those of the bars, of which it uses the first number. */
 #include "kinematics.h"
 
@@ -76,15 +76,15 @@ void ts_weigh(ts_sim *sim)
 
 static double first_nonzero(double a, double b, double c) { return a != 0.0 ? a : b != 0.0 ? b : c; }
 
-/* Position of a moved node and its derivatives at the step's start; a derivative of an input takes the place of the input that is
- * meant to be that. */
+/* Position of a moved node and its derivatives at the step's start; a derivative of an input takes the place of the input that
+ * is meant to be that. */
 static void polynomial(const ts_sim *sim, const double *values, const double *slopes, int e, double *out)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
     const double *bends = slopes + sim->n_inputs;
     for (int d = 0; d < D; d++) {
-        int x = m->at[TS_NODE_POSITION] + e * D + d, v = m->at[TS_NODE_VELOCITY] + e * D + d, a = m->at[TS_NODE_ACCELERATION] + e * D + d;
+        int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i, a = m->at[TS_NODE_ACCELERATION] + i;
         out[d] = values[x];
         out[D + d] = first_nonzero(slopes[x], values[v], 0.0);
         out[2 * D + d] = first_nonzero(bends[x], slopes[v], values[a]);
@@ -137,7 +137,8 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
         double before[3 * DERIVATIVES], jump[3], along = 0.0;
         if (m->mover_bar[e] < 0) continue;
         int block = m->bar_block[m->mover_bar[e]];
-        const double *c = sim->y + block * D, *now = sim->base + (DERIVATIVES * e + 1) * D, *start = m->velocity + m->moved[e] * D;
+        const double *c = sim->y + block * D, *now = sim->base + (DERIVATIVES * e + 1) * D;
+        const double *start = m->velocity + m->moved[e] * D;
         if (values) polynomial(sim, values, slopes, e, before);
         for (int d = 0; d < D; d++) jump[d] = now[d] - (values ? derivative(before, D, d, 1, tau) : start[d]);
         for (int d = 0; d < D; d++) along += c[d] * jump[d] / (m->block_length[block] * m->block_length[block]);
