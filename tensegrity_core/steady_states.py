@@ -73,7 +73,7 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
     sweep = Sweep(equations, parameters)
     here = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, float(parameters[0]), 1.0)
     if not here.stable:
-        raise PathError(f"the state at p = {parameters[0]!r} is not stable; start from one that is")
+        raise PathError(f"the state at p = {float(parameters[0])!r} is not stable; start from one that is")
     sweep.states.append(here)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 from support import push, scene
 
@@ -255,6 +257,21 @@ def test_sudden_load_comes_to_rest_where_the_dynamics_does(name, loads):
         expected = kernel["position"].reshape(len(model.nodes), -1)
         np.testing.assert_allclose(up.equations.nodes(found.point.free)[:, model.axes], expected, rtol=0, atol=1e-9)
         assert found.point.stable and found.time < 20.0
+
+
+@settings(derandomize=True, max_examples=12, deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4), st.floats(1.0, 12.0))
+def test_paths_under_any_force_lead_to_what_settles(direction, load):
+    """Through slack and taut: the path's state is where the flow comes to rest."""
+    model = scene("two_bar")
+    field = np.zeros(model.nodes.shape)
+    field[2:, [0, 2]] = np.reshape(direction, (2, 2))
+    if np.abs(field).max() < 0.1:
+        field[2, 0] = 1.0
+    sweep = steady_states.load_sweep(Loading(model, field), [0.0, load])
+    settled = statics.settle(model, force=load * field, steps=30)
+    np.testing.assert_allclose(sweep.nodes[-1], settled.nodes, rtol=0, atol=1e-10)
+    assert np.abs(statics.residual(sweep.equations.loading.model_at(load, sweep.nodes[-1]), load * field)).max() < 1e-9
 
 
 def test_states_in_the_hysteresis_are_told_apart():
