@@ -105,8 +105,7 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
     """The stable state that the flow reaches from the end of a path."""
     equations, last = sweep.equations, path.points[-1]
     parameter = last.parameter + side * BEYOND[path.end] * way
-    loaded = equations.loading.model_at(parameter, equations.nodes(last.free))
-    surface = FlowSurface(equations, parameter, loaded)
+    surface = FlowSurface(equations, parameter)
     tangent = equations.at(last.free, last.parameter, last.piece)
     if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
         beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
@@ -116,7 +115,7 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
         escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
         escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
     start = equations.moved(last.free, 0.1 * surface.reach * escape)
-    nodes = statics.descend(surface, equations.nodes(start), surface.balanced)
+    nodes = equations.nodes(statics.descend(surface, start, surface.balanced))
     here = point_at(equations, scale, nodes, parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
@@ -125,35 +124,45 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
 
 
 class FlowSurface(statics._Surface):
-    """The potential energy at one parameter, evaluated by `Equations`: what `statics.descend` needs, faster."""
+    """The potential energy at one parameter, evaluated by `Equations`: what `statics.descend` needs, faster.
 
-    def __init__(self, equations: Equations, parameter: float, loaded):
-        super().__init__(loaded, equations.loading.forces(parameter), statics._Modes)
+    Positions are free coordinates (n,).  The last trial is kept: that it is near, where it leads, and its energy share
+    one evaluation of the lengths.
+    """
+
+    def __init__(self, equations: Equations, parameter: float):
+        loading = equations.loading
+        model = loading.model_at(parameter, equations.model.nodes)
+        super().__init__(model, loading.forces(parameter), statics._Modes)
         self.equations, self.parameter = equations, parameter
-        model = equations.model
         self._far = PART_OF_BAR * float(model.bar_length.min())
         self._narrow = np.array([PART_OF_BEAM * min(law.h) if law else np.inf for law in model.nsh])
+        self._trial = self._stretch = None
 
-    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
+    def gone(self, free: np.ndarray) -> float:
+        return float(np.abs(free - self.equations.free(self.model.nodes)).max())
+
+    def near(self, free: np.ndarray, step: np.ndarray) -> bool:
         """Whether a step is small beside the bars, and beside the beams in what it does to NSH strings that carry."""
         if np.abs(step).max(initial=0.0) > self._far:
             return False
-        free = self.equations.free(nodes)
-        before = self.equations.stretch(free, self.parameter)
-        after = self.equations.stretch(self.equations.moved(free, step), self.parameter)
-        return bool((np.abs(np.maximum(after, 0.0) - np.maximum(before, 0.0)) <= self._narrow).all())
+        trial = self.equations.moved(free, step)
+        stretch = self.equations.stretch(trial, self.parameter)
+        self._trial = step, trial, stretch
+        change = np.maximum(stretch, 0.0) - np.maximum(self._stretch, 0.0)
+        return bool((np.abs(change) <= self._narrow).all())
 
-    def energy(self, nodes: np.ndarray) -> float:
-        return self.equations.energy(self.equations.free(nodes), self.parameter)
+    def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return self._trial[1] if self._trial and step is self._trial[0] else self.equations.moved(free, step)
 
-    def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
-        return self.equations.nodes(self.equations.moved(self.equations.free(nodes), step))
+    def energy(self, free: np.ndarray) -> float:
+        known = self._trial[2] if self._trial and free is self._trial[1] else None
+        return self.equations.energy(free, self.parameter, known)
 
-    def at(self, nodes: np.ndarray):
-        free = self.equations.free(nodes)
-        stretch = self.equations.stretch(free, self.parameter)
-        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(stretch))
-        energy = self.equations.energy(free, self.parameter)
+    def at(self, free: np.ndarray) -> statics._Point:
+        self._stretch = self.equations.stretch(free, self.parameter)
+        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(self._stretch))
+        energy = self.equations.energy(free, self.parameter, self._stretch)
         return statics._Point(energy, tangent.basis, tangent.pull, statics._Modes(tangent.stiffness))
 
 
@@ -263,7 +272,6 @@ class _Released:
 
     def flow(self) -> Point:
         """The stable state to which the flow leads from here."""
-        nodes = self.equations.nodes(self.free)
-        surface = FlowSurface(self.equations, self.parameter, self.equations.loading.model_at(self.parameter, nodes))
-        nodes = statics.descend(surface, nodes, surface.nearly_balanced)
+        surface = FlowSurface(self.equations, self.parameter)
+        nodes = self.equations.nodes(statics.descend(surface, self.free, surface.nearly_balanced))
         return point_at(self.equations, self.scale, nodes, self.parameter, 1.0)
