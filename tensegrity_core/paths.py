@@ -425,7 +425,7 @@ def _angle(a: np.ndarray, b: np.ndarray) -> float:
 
 def scale_of(model: Model, start: float, goal: float) -> float:
     """c, m per unit of p; see WHOLE_WAY."""
-    return WHOLE_WAY * float(model.bar_length.min()) / max(abs(goal - start), 1e-300)
+    return WHOLE_WAY * float(model.bar_length.min()) / (abs(float(goal - start)) or 1.0)
 
 
 def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: float, towards: float) -> Point:

@@ -23,6 +23,7 @@ import numpy as np
 
 from . import statics
 from .equilibrium import Equations, Loading
+from .errors import InputError
 from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
@@ -61,12 +62,15 @@ class Sweep:
 
 
 def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) -> Sweep:
-    """The steady states that a slow load reaches, one parameter after the other, up or down.
+    """The steady states that a slow load reaches, one parameter after the other, up, down, or both in turn.
 
     nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
-    Raises PathError where a path cannot be followed, NoEquilibrium where the flow finds no minimum.
+    Raises InputError for bad parameters, PathError where a path cannot be followed, NoEquilibrium where the flow finds no
+    minimum.
     """
     parameters = np.asarray(parameters, dtype=float)
+    if parameters.ndim != 1 or not parameters.size or not np.isfinite(parameters).all():
+        raise InputError(f"parameters = {parameters!r}: give a list of finite numbers, at least one")
     loading.check(float(parameters.min()), float(parameters.max()))
     equations = Equations(loading)
     scale = scale_of(loading.model, parameters.min(), parameters.max())
@@ -84,6 +88,9 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
 def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Point:
     """Parameters that only grow, or only fall; the first is where `here` stands."""
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
+    if side == 0.0:
+        sweep.states += [here] * (len(goals) - 1)
+        return here
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
     while done < len(goals):
         path = follow_from(equations, scale, here, -side * np.inf, goals[-1], stop="unstable")
@@ -96,7 +103,7 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Poi
             return path.points[-1]
         here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
         while done < len(goals) and side * goals[done] <= side * here.parameter:
-            sweep.states.append(between(equations, scale, here, here, goals[done]))
+            sweep.states.append(point_at(equations, scale, equations.nodes(here.free), goals[done], side))
             done += 1
     return here
 
