@@ -412,8 +412,8 @@ def time_text(scenes: dict, result: dict) -> str:
         f"per load; jumps take most of it. Runs whose outputs are kept every {result['row']:g} s take {ends['simulate']} times "
         f"as long: the {AIM} times that we had set as an aim are reached by {' and '.join(aim) or 'none'}. Runs without "
         f"any output take {ends['runs']} times as long, so less than the sweep for most scenes: the kernel is compiled, its "
-        "steps grow to seconds once a small structure is settled, and its 50 s then cost as much as some dozen evaluations of "
-        "the equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
+        "steps grow to seconds once a small structure is settled, and its 50 s then cost no more than a few dozen evaluations "
+        "of the equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
         "limit points, the way back, and that nothing lies between two loads unseen."
     )
 

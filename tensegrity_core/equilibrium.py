@@ -187,7 +187,7 @@ class Equations:
         basis[self._second, self._turning] = across
         return basis[:-1]
 
-    def energy(self, free: np.ndarray, parameter: float) -> float:
-        """J: strings less the work of the loads, from the coordinates' origin."""
-        stretch = self.stretch(free, parameter)
+    def energy(self, free: np.ndarray, parameter: float, stretch: np.ndarray | None = None) -> float:
+        """J: strings less the work of the loads, from the coordinates' origin.  stretch: (S,) m, where it is known."""
+        stretch = self.stretch(free, parameter) if stretch is None else stretch
         return float(self.laws.energy(stretch, self.laws.piece_of(stretch)).sum() - (self.dead + parameter * self.live) @ free)

@@ -34,7 +34,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--to", dest="goal", metavar="P", type=float, required=True, help="last p")
     parser.add_argument("--step", metavar="P", type=float, help="states at this spacing of p (default: the path's points)")
     parser.add_argument("--back", action="store_true", help="then let the load fall to the first p again")
-    parser.add_argument("--unstable", action="store_true", help="trace the unstable branches behind the limit points, too")
+    parser.add_argument("--unstable", action="store_true", help="trace what lies behind limit and branch points, too")
     parser.add_argument("--show", metavar="NODE.AXIS", help="the coordinate that is shown (default: where most force acts)")
     parser.add_argument("--output", metavar="FILE", help="write the states to this .csv file")
     parser.add_argument("--figure", metavar="FILE", help="draw load over coordinate into this .png or .svg file")
@@ -49,12 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
     loading = loading_of(model, arguments.force, arguments.rest_length)
     quantity = quantity_of(model, loading, arguments.show)
     sweeps = _sweeps(loading, parameters, arguments.back)
-    unstable = [path for sweep in sweeps.values() for path in steady_states.detours(sweep)] if arguments.unstable else []
+    behind = [path for sweep in sweeps.values() for path in steady_states.detours(sweep)] if arguments.unstable else []
     if output:
-        _write(output, loading, sweeps, unstable, by_step=arguments.step is not None)
+        _write(output, loading, sweeps, behind, by_step=arguments.step is not None)
     if figure:
-        _draw(figure, model, loading, sweeps, unstable, quantity)
-    print(summary(model, sweeps, unstable, quantity))
+        _draw(figure, model, loading, sweeps, behind, quantity)
+    print(summary(model, sweeps, behind, quantity))
     for path in (output, figure):
         if path:
             print(f"  written: {path}")
@@ -144,36 +144,37 @@ def _sweeps(loading: Loading, parameters: np.ndarray, back: bool) -> dict[str, s
 # --- what it prints and writes -----------------------------------------------------------------------------------------
 
 WHY = {
-    "limit": "limit point", "branch": "another eigenvalue of the stiffness passes zero: symmetry breaks",
+    "limit": "limit point", "branch": "branch point: other paths leave here, --unstable traces them",
     "kink": "a string's force curve has a kink", "loose": "strings go slack and leave motions that nothing resists",
 }  # fmt: skip
 
 
-def summary(model: Model, sweeps: dict[str, steady_states.Sweep], unstable: list[paths.Path], quantity) -> str:
-    """What `tensegrity path` prints: the jumps of each leg, and the limit and branch points of unstable branches."""
+def summary(model: Model, sweeps: dict[str, steady_states.Sweep], behind: list[paths.Path], quantity) -> str:
+    """What `tensegrity path` prints: the jumps of each leg, and what lies behind them."""
     lines = []
     for sweep in sweeps.values():
         first, last = sweep.parameters[[0, -1]]
         start, end = (nodes[quantity.node, quantity.axis] for nodes in sweep.nodes[[0, -1]])
         jumps = "no jump" if not sweep.jumps else f"{len(sweep.jumps)} jumps" if len(sweep.jumps) > 1 else "1 jump"
-        lines.append(f"  p = {first:g} to {last:g}: {quantity.name} from {start:.6f} to {end:.6f} m, {jumps}")
+        lines.append(f"  p = {first:g} to {last:g}: {quantity.name} from {start:z.6f} to {end:z.6f} m, {jumps}")
         for jump in sweep.jumps:
             before, after = (quantity.of(sweep.stretches[0], point) for point in (jump.before, jump.after))
-            lines.append(f"    p = {jump.before.parameter:.9g}: {before:.6f} to {after:.6f} m, {WHY[jump.kind]}")
-    for path in unstable:
+            lines.append(f"    p = {jump.before.parameter:.9g}: {before:z.6f} to {after:z.6f} m, {WHY[jump.kind]}")
+    for path in behind:
         kinds = [f"{p.kind} at p = {p.parameter:.9g}" for p in path.points[1:] if p.kind in ("limit", "branch")]
-        lines.append(f"  unstable branch: {', '.join(kinds) or 'no special points'}")
+        start, end = path.points[0].parameter, path.points[-1].parameter
+        lines.append(f"  behind p = {start:.6g}, to {end:.6g}: {', '.join(kinds) or 'no limit and branch points'}")
     return "\n".join([f"{model.name}: steady states under a slow load", *lines])
 
 
-def _write(output: FilePath, loading, sweeps, unstable, by_step: bool) -> None:
+def _write(output: FilePath, loading, sweeps, behind, by_step: bool) -> None:
     """One row per state: leg, p, whether it is stable, what is special about it, coordinates (m), string tensions (N)."""
     model = loading.model
     nodes = [f"{model.node_names[i]}.{'xyz'[axis]}" for i in range(len(model.nodes)) for axis in model.axes]
     header = ["leg", "p", "stable", "kind", *nodes, *(f"{name}.elastic_force" for name in model.string_names)]
     legs = [(name, sweep.equations, sweep.states if by_step else [p for path in sweep.stretches for p in path.points])
             for name, sweep in sweeps.items()]
-    legs += [("unstable", path.equations, path.points) for path in unstable]
+    legs += [("behind", path.equations, path.points) for path in behind]
     with replacing(output) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(header) + "\n")
         for leg, equations, points in legs:
@@ -183,14 +184,14 @@ def _write(output: FilePath, loading, sweeps, unstable, by_step: bool) -> None:
                 file.write(",".join([leg, repr(point.parameter), str(int(point.stable)), point.kind, *numbers]) + "\n")
 
 
-def _draw(figure: FilePath, model: Model, loading, sweeps, unstable, quantity) -> None:
+def _draw(figure: FilePath, model: Model, loading, sweeps, behind, quantity) -> None:
     from .path_figures import path_figure
     from .plots import write_figure
 
     label = "p" if loading.rest_length_direction.any() else "p, load factor"
     ways = {"there": "p from {0:g} to {1:g}", "back": "back to {1:g}"}
     named = {ways[name].format(*sweep.parameters[[0, -1]]): sweep for name, sweep in sweeps.items()}
-    write_figure(path_figure(model.name, named, unstable, quantity, label), figure)
+    write_figure(path_figure(model.name, named, behind, quantity, label), figure)
 
 
 COMMAND = Command("path", "follow the steady states under a slow load, through snaps and back", _arguments, run)

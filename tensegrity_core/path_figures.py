@@ -1,7 +1,7 @@
 """Pictures of equilibrium paths: load over a coordinate.
 
 Stable states are solid, unstable ones dashed; a growing load is blue, a falling one red.  Dots are limit points, diamonds
-branch points; thin arrows show where the structure moves on by itself.
+branch points, squares kinks and loose ends; dotted arrows show where the structure moves on by itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .paths import Path, Point
 from .plots import new_figure
 from .steady_states import Jump, Sweep
 
-UP, DOWN, UNSTABLE = "#1f5fa8", "#d1495b", "#6b705c"
+UP, DOWN, BEHIND = "#1f5fa8", "#d1495b", "#6b705c"
 FINE = 12  # parts into which a path's step is drawn
 
 
@@ -73,24 +73,37 @@ def _draw_jump(axes: Axes, sweep: Sweep, jump: Jump, quantity: Quantity, colour:
     axes.plot([start], [jump.before.parameter], marker, color=colour, markersize=4.0)
 
 
-def draw_unstable(axes: Axes, paths: list[Path], quantity: Quantity) -> None:
-    """Unstable branches, dashed."""
-    for i, path in enumerate(paths):
-        parameter, value = curve(path, quantity)
-        label = "unstable" if i == 0 else None
-        axes.plot(value, parameter, "--", color=UNSTABLE, linewidth=0.9, label=label, zorder=1.5)
+def draw_behind(axes: Axes, paths: list[Path], quantity: Quantity) -> None:
+    """What lies behind limit and branch points: dashed where unstable, a thin line where stable."""
+    named = set()
+    for path in paths:
+        for stable, part in by_stability(path):
+            parameter, value = curve(part, quantity)
+            name = "other stable states" if stable else "unstable states"
+            label = None if name in named else name
+            axes.plot(value, parameter, "-" if stable else "--", color=BEHIND, linewidth=0.9, label=label, zorder=1.5)
+            named.add(name)
 
 
-def path_figure(name: str, sweeps: dict[str, Sweep], unstable: list[Path], quantity: Quantity, load: str) -> Figure:
+def by_stability(path: Path) -> list[tuple[bool, Path]]:
+    """The path in parts that are stable or unstable throughout.  At a kink a point's stability is that of the way on."""
+    points = path.points
+    steps = [a.stable and (b.stable or b.kind == "kink") for a, b in zip(points, points[1:])]
+    ends = [i for i in range(1, len(steps)) if steps[i] != steps[i - 1]]
+    spans = zip([0, *ends], [*ends, len(steps)])
+    return [(steps[i], Path(path.equations, path.scale, points[i : j + 1])) for i, j in spans if j > i]
+
+
+def path_figure(name: str, sweeps: dict[str, Sweep], behind: list[Path], quantity: Quantity, load: str) -> Figure:
     """One picture of a structure's steady states.
 
-    sweeps: label -> sweep, a growing load first; load: what the parameter is, for the axis.
+    sweeps: label -> sweep, a growing load first; behind: see steady_states.detours; load: what the parameter is.
     """
     figure = new_figure(720, 540)
     axes = figure.add_subplot()
     for (label, sweep), colour in zip(sweeps.items(), (UP, DOWN)):
         draw_sweep(axes, sweep, quantity, colour, label)
-    draw_unstable(axes, unstable, quantity)
+    draw_behind(axes, behind, quantity)
     axes.set(xlabel=f"{quantity.name} in m", ylabel=load, title=name)
     axes.grid(color="0.9")
     axes.legend(frameon=False)

@@ -88,7 +88,7 @@ class Point(NamedTuple):
 class Path:
     """Points in the order in which they were met, and why the path ends: 'to' (p reached its goal), 'from' (p came back
     past its start), 'loose' (see the module), 'points' (as many as allowed) or, where it was to end with its stability,
-    'limit', 'branch' or 'kink'."""
+    'limit', 'branch' or 'kink', with its instability 'stable' or 'kink'."""
 
     equations: Equations
     scale: float
@@ -239,7 +239,7 @@ class _Follower:
         return self.path.points[-1]
 
     def advance(self) -> list[Point]:
-        """The next points: one, or a special point and what follows it."""
+        """The next point, after the limit and branch points on the way to it.  Raises PathError where no step succeeds."""
         while True:
             if self.step < SHORTEST:
                 raise PathError(f"the path cannot be followed beyond p = {self.here.parameter!r}: a step of "
@@ -254,10 +254,8 @@ class _Follower:
             if trial is None or special is None:
                 self.step *= 0.25
                 continue
-            found = [*special, trial]
             self.step = min(self.longest, self.step * min(2.0, 0.6 * TURN / max(turn, 1e-9)))
-            self.path.points += found
-            return found
+            return [*special, trial]
 
     def _bend(self) -> np.ndarray | float:
         """(n+1,) 1/m, how the direction has changed over the last step; 0 where it was on other pieces."""
@@ -427,7 +425,7 @@ def _angle(a: np.ndarray, b: np.ndarray) -> float:
 
 def scale_of(model: Model, start: float, goal: float) -> float:
     """c, m per unit of p; see WHOLE_WAY."""
-    return WHOLE_WAY * float(model.bar_length.min()) / max(abs(goal - start), 1e-300)
+    return WHOLE_WAY * float(model.bar_length.min()) / (abs(float(goal - start)) or 1.0)
 
 
 def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: float, towards: float) -> Point:
@@ -442,13 +440,12 @@ def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: f
         solved = _newton(equations, scale, free, parameter, piece, hold, 1e-12)
         if solved is None:
             break
-        stretch = equations.stretch(solved[0], parameter)
         point = _point(equations, scale, *solved, piece, np.sign(towards) * hold, 0.0, "")
         if point is not None and _inside(equations, point):
             if _resisted(point):
                 return point
             break
-        piece = equations.laws.piece_of(stretch)
+        piece = equations.laws.piece_of(equations.stretch(solved[0], parameter))
     raise PathError(f"{equations.model.name}: no isolated equilibrium at p = {parameter!r} beside the start; "
                     "settle the structure first, and fix enough nodes")
 
@@ -473,33 +470,28 @@ def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None
     return follow_from(equations, scale, first, start, goal, most_points, stop)
 
 
-def follow_from(equations, scale, first: Point, start: float, goal: float, most_points: int = MOST_POINTS,
-                stop: str = "") -> Path:
+def follow_from(equations: Equations, scale: float, first: Point, start: float, goal: float,
+                most_points: int = MOST_POINTS, stop: str = "") -> Path:
     """`follow` from a point of a path, in the direction of its tangent."""
     follower = _Follower(equations, scale, first, LONGEST * float(equations.model.bar_length.min()))
-    path, low, high = follower.path, *sorted((start, goal))
-    met_unstable = not first.stable
-    while True:
-        if len(path.points) >= most_points:
-            path.end = "points"
-            return path
-        new = follower.advance()
-        for i, point in enumerate(new):
-            outside = point.parameter > high or point.parameter < low
-            if outside:
+    path, (low, high), met_unstable = follower.path, sorted((start, goal)), not first.stable
+    while not path.end:
+        for point in follower.advance():
+            if not low <= point.parameter <= high:
                 bound = high if point.parameter > high else low
-                before = path.points[len(path.points) - len(new) + i - 1]
-                del path.points[len(path.points) - len(new) + i :]
-                if before.parameter != bound:
-                    path.points.append(between(equations, scale, before, point, bound))
+                if path.points[-1].parameter != bound:
+                    path.points.append(between(equations, scale, path.points[-1], point, bound))
                 path.end = "to" if bound == goal else "from"
-                return path
+                break
+            path.points.append(point)
             unstable = point.kind in ("limit", "branch") or not point.stable
             met_unstable = met_unstable or unstable
             if point.kind == "loose" or stop == ("unstable" if unstable else "stable" if met_unstable else None):
-                del path.points[len(path.points) - len(new) + i + 1 :]
                 path.end = point.kind or ("branch" if unstable else "stable")
-                return path
+                break
+        if not path.end and len(path.points) >= most_points:
+            path.end = "points"
+    return path
 
 
 def branches(path: Path, point: Point) -> list[Point]:

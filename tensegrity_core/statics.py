@@ -614,6 +614,10 @@ class _Surface:
         tangent = basis.T @ self._stiffness(along, length, density, self._bar_density(nodes, total)) @ basis
         return _Point(self.energy(nodes), basis, basis.T @ _rows(self.model, total), self.decomposition(tangent))
 
+    def gone(self, nodes: np.ndarray) -> float:
+        """m, the longest way of a coordinate from the model's start."""
+        return float(np.abs(nodes - self.model.nodes).max())
+
     def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
         """Whether a step (F*D,) from nodes (N, 3) is small beside the structure."""
         return bool(np.abs(step).max(initial=0.0) <= self.reach)
@@ -783,7 +787,7 @@ def descend(surface: _Surface, nodes: np.ndarray, tolerance: float) -> np.ndarra
         surface.keep(nodes)
     raise NoEquilibrium(
         f"no stable equilibrium was found: after {MAX_STEPS} steps, "
-        f"{np.abs(nodes - surface.model.nodes).max():.3g} m away, {unbalanced:.3g} N are unbalanced"
+        f"{surface.gone(nodes):.3g} m away, {unbalanced:.3g} N are unbalanced"
     )
 
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from . import statics
 from .equilibrium import Equations, Loading
+from .errors import InputError
 from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
@@ -61,19 +62,22 @@ class Sweep:
 
 
 def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) -> Sweep:
-    """The steady states that a slow load reaches, one parameter after the other, up or down.
+    """The steady states that a slow load reaches, one parameter after the other, up, down, or both in turn.
 
     nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
-    Raises PathError where a path cannot be followed, NoEquilibrium where the flow finds no minimum.
+    Raises InputError for bad parameters, PathError where a path cannot be followed, NoEquilibrium where the flow finds no
+    minimum.
     """
     parameters = np.asarray(parameters, dtype=float)
+    if parameters.ndim != 1 or not parameters.size or not np.isfinite(parameters).all():
+        raise InputError(f"parameters = {parameters!r}: give a list of finite numbers, at least one")
     loading.check(float(parameters.min()), float(parameters.max()))
     equations = Equations(loading)
     scale = scale_of(loading.model, parameters.min(), parameters.max())
     sweep = Sweep(equations, parameters)
     here = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, float(parameters[0]), 1.0)
     if not here.stable:
-        raise PathError(f"the state at p = {parameters[0]!r} is not stable; start from one that is")
+        raise PathError(f"the state at p = {float(parameters[0])!r} is not stable; start from one that is")
     sweep.states.append(here)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
@@ -84,6 +88,9 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
 def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Point:
     """Parameters that only grow, or only fall; the first is where `here` stands."""
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
+    if side == 0.0:
+        sweep.states += [here] * (len(goals) - 1)
+        return here
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
     while done < len(goals):
         path = follow_from(equations, scale, here, -side * np.inf, goals[-1], stop="unstable")
@@ -96,7 +103,7 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Poi
             return path.points[-1]
         here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
         while done < len(goals) and side * goals[done] <= side * here.parameter:
-            sweep.states.append(between(equations, scale, here, here, goals[done]))
+            sweep.states.append(point_at(equations, scale, equations.nodes(here.free), goals[done], side))
             done += 1
     return here
 
@@ -105,8 +112,7 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
     """The stable state that the flow reaches from the end of a path."""
     equations, last = sweep.equations, path.points[-1]
     parameter = last.parameter + side * BEYOND[path.end] * way
-    loaded = equations.loading.model_at(parameter, equations.nodes(last.free))
-    surface = FlowSurface(equations, parameter, loaded)
+    surface = FlowSurface(equations, parameter)
     tangent = equations.at(last.free, last.parameter, last.piece)
     if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
         beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
@@ -116,7 +122,7 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
         escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
         escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
     start = equations.moved(last.free, 0.1 * surface.reach * escape)
-    nodes = statics.descend(surface, equations.nodes(start), surface.balanced)
+    nodes = equations.nodes(statics.descend(surface, start, surface.balanced))
     here = point_at(equations, scale, nodes, parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
@@ -125,35 +131,45 @@ def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> 
 
 
 class FlowSurface(statics._Surface):
-    """The potential energy at one parameter, evaluated by `Equations`: what `statics.descend` needs, faster."""
+    """The potential energy at one parameter, evaluated by `Equations`: what `statics.descend` needs, faster.
 
-    def __init__(self, equations: Equations, parameter: float, loaded):
-        super().__init__(loaded, equations.loading.forces(parameter), statics._Modes)
+    Positions are free coordinates (n,).  The last trial is kept: that it is near, where it leads, and its energy share
+    one evaluation of the lengths.
+    """
+
+    def __init__(self, equations: Equations, parameter: float):
+        loading = equations.loading
+        model = loading.model_at(parameter, equations.model.nodes)
+        super().__init__(model, loading.forces(parameter), statics._Modes)
         self.equations, self.parameter = equations, parameter
-        model = equations.model
         self._far = PART_OF_BAR * float(model.bar_length.min())
         self._narrow = np.array([PART_OF_BEAM * min(law.h) if law else np.inf for law in model.nsh])
+        self._trial = self._stretch = None
 
-    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
+    def gone(self, free: np.ndarray) -> float:
+        return float(np.abs(free - self.equations.free(self.model.nodes)).max())
+
+    def near(self, free: np.ndarray, step: np.ndarray) -> bool:
         """Whether a step is small beside the bars, and beside the beams in what it does to NSH strings that carry."""
         if np.abs(step).max(initial=0.0) > self._far:
             return False
-        free = self.equations.free(nodes)
-        before = self.equations.stretch(free, self.parameter)
-        after = self.equations.stretch(self.equations.moved(free, step), self.parameter)
-        return bool((np.abs(np.maximum(after, 0.0) - np.maximum(before, 0.0)) <= self._narrow).all())
+        trial = self.equations.moved(free, step)
+        stretch = self.equations.stretch(trial, self.parameter)
+        self._trial = step, trial, stretch
+        change = np.maximum(stretch, 0.0) - np.maximum(self._stretch, 0.0)
+        return bool((np.abs(change) <= self._narrow).all())
 
-    def energy(self, nodes: np.ndarray) -> float:
-        return self.equations.energy(self.equations.free(nodes), self.parameter)
+    def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return self._trial[1] if self._trial and step is self._trial[0] else self.equations.moved(free, step)
 
-    def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
-        return self.equations.nodes(self.equations.moved(self.equations.free(nodes), step))
+    def energy(self, free: np.ndarray) -> float:
+        known = self._trial[2] if self._trial and free is self._trial[1] else None
+        return self.equations.energy(free, self.parameter, known)
 
-    def at(self, nodes: np.ndarray):
-        free = self.equations.free(nodes)
-        stretch = self.equations.stretch(free, self.parameter)
-        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(stretch))
-        energy = self.equations.energy(free, self.parameter)
+    def at(self, free: np.ndarray) -> statics._Point:
+        self._stretch = self.equations.stretch(free, self.parameter)
+        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(self._stretch))
+        energy = self.equations.energy(free, self.parameter, self._stretch)
         return statics._Point(energy, tangent.basis, tangent.pull, statics._Modes(tangent.stiffness))
 
 
@@ -263,7 +279,6 @@ class _Released:
 
     def flow(self) -> Point:
         """The stable state to which the flow leads from here."""
-        nodes = self.equations.nodes(self.free)
-        surface = FlowSurface(self.equations, self.parameter, self.equations.loading.model_at(self.parameter, nodes))
-        nodes = statics.descend(surface, nodes, surface.nearly_balanced)
+        surface = FlowSurface(self.equations, self.parameter)
+        nodes = self.equations.nodes(statics.descend(surface, self.free, surface.nearly_balanced))
         return point_at(self.equations, self.scale, nodes, self.parameter, 1.0)

@@ -33,8 +33,45 @@ def test_path_writes_states_there_and_back(tmp_path, capsys):
     assert [float(row["p"]) for row in back] == list(np.arange(72.0, -1.0, -4.0))
     sweep = steady_states.load_sweep(Loading(model, push(model, 1.0, 0.0)), np.arange(0.0, 73.0, 4.0))
     assert [float(row["n3.z"]) for row in there] == sweep.nodes[:, 2, 2].tolist()
-    assert {row["stable"] for row in found if row["leg"] == "unstable"} == {"0", "1"}
+    assert {row["stable"] for row in found if row["leg"] == "behind"} == {"0", "1"}
     assert Image.open(figure).size == (720, 540)
+
+
+MAST = """
+plane = "xz"
+gravity = 0.0
+fixed = ["n1", "n3", "n4"]
+[nodes]
+n1 = [0.0, 0.0]
+n2 = [0.0, 1.0]
+n3 = [-0.8, 1.0]
+n4 = [0.8, 1.0]
+[materials.cable]
+stiffness = 900.0
+damping = 20.0
+[bars]
+mast = { nodes = ["n1", "n2"], mass = 1.0 }
+[strings]
+left = { nodes = ["n3", "n2"], material = "cable" }
+right = { nodes = ["n4", "n2"], material = "cable" }
+[prestress]
+tension = { right = 60.0 }
+"""
+
+
+def test_path_of_a_buckling_mast_shows_its_branches(tmp_path, capsys):
+    """It buckles at 2 k l = 1800 N and hangs upside down; on the way back that state, too, loses stability to a branch."""
+    file, figure = tmp_path / "mast.toml", tmp_path / "mast.svg"
+    file.write_text(MAST)
+    arguments = ["path", str(file), "--force", "n2.z=-1", "--to", "2000", "--back", "--unstable", "--show", "n2.x"]
+    assert main([*arguments, "--figure", str(figure)]) == 0
+    shown = capsys.readouterr().out
+    assert "p = 1800: 0.000000" in shown and "branch point" in shown and "a string's force curve has a kink" in shown
+    assert shown.count("behind p = 1800") == 2  # with the path itself, which is named by its point before
+    drawn = figure.read_bytes()
+    assert b"other stable states" in drawn and b"unstable states" in drawn
+    main([*arguments, "--figure", str(figure)])
+    assert figure.read_bytes() == drawn
 
 
 def test_path_of_a_rest_length_from_elsewhere(tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 from support import push, scene
 
@@ -241,6 +243,21 @@ def test_four_snaps_and_their_way_back():
     assert (apart[(LOADS > 18.0) & (LOADS < 55.0)] > 1e-3).all()
 
 
+def test_a_load_that_goes_up_and_down_and_stays():
+    """Also to loads within, and just beside, a jump."""
+    model, loading = lifted("two_bar_nsh")
+    jump = 20.943741957
+    parameters = [0.0, 10.0, 10.0, jump - 1e-6, jump + 1e-6, 30.0, 25.0, 25.0, 0.0, 30.0]
+    sweep = steady_states.load_sweep(loading, parameters)
+    assert [state.parameter for state in sweep.states] == pytest.approx(parameters, abs=0.0)
+    heights = sweep.nodes[:, 2, 2]
+    assert heights[3] < 0.9921 and heights[4] > 0.9999
+    assert heights[[2, 7]] == pytest.approx(heights[[1, 6]], abs=1e-12)
+    assert heights[8] == pytest.approx(heights[0], abs=1e-12) and heights[9] == pytest.approx(heights[5], abs=1e-12)
+    (alone,) = steady_states.load_sweep(loading, [0.0]).states
+    assert alone.stable and alone.parameter == 0.0
+
+
 @pytest.mark.parametrize("name, loads", [("two_bar_nsh", (20.0, 40.0, 64.0)), ("three_bar", (10.0, 60.0))])
 def test_sudden_load_comes_to_rest_where_the_dynamics_does(name, loads):
     model, loading = lifted(name)
@@ -255,6 +272,21 @@ def test_sudden_load_comes_to_rest_where_the_dynamics_does(name, loads):
         expected = kernel["position"].reshape(len(model.nodes), -1)
         np.testing.assert_allclose(up.equations.nodes(found.point.free)[:, model.axes], expected, rtol=0, atol=1e-9)
         assert found.point.stable and found.time < 20.0
+
+
+@settings(derandomize=True, max_examples=12, deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4), st.floats(1.0, 12.0))
+def test_paths_under_any_force_lead_to_what_settles(direction, load):
+    """Through slack and taut: the path's state is where the flow comes to rest."""
+    model = scene("two_bar")
+    field = np.zeros(model.nodes.shape)
+    field[2:, [0, 2]] = np.reshape(direction, (2, 2))
+    if np.abs(field).max() < 0.1:
+        field[2, 0] = 1.0
+    sweep = steady_states.load_sweep(Loading(model, field), [0.0, load])
+    settled = statics.settle(model, force=load * field, steps=30)
+    np.testing.assert_allclose(sweep.nodes[-1], settled.nodes, rtol=0, atol=1e-10)
+    assert np.abs(statics.residual(sweep.equations.loading.model_at(load, sweep.nodes[-1]), load * field)).max() < 1e-9
 
 
 def test_states_in_the_hysteresis_are_told_apart():
@@ -277,6 +309,8 @@ def test_bad_loadings_are_refused():
         Loading(model, rest_length_direction=[1.0])
     with pytest.raises(InputError, match="p = 1 makes the rest length of s1 -0.2[0-9]* m"):
         paths.follow(Loading(model, rest_length_direction=[-1.0, 0.0]), 0.0, 1.0)
+    with pytest.raises(InputError, match="finite numbers, at least one"):
+        steady_states.load_sweep(Loading(model, on_tip(model, -UP)), [0.0, np.inf])
     with pytest.raises(PathError, match="not stable"):
         steady_states.load_sweep(Loading(model, on_tip(model, -UP)), [2.5 * K * L, 3.0 * K * L])
 
