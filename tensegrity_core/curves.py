@@ -78,10 +78,10 @@ class SumCurve(NamedTuple):
 
     def value(self, u: float) -> tuple[float, float, float]:
         force, slope, curvature = zip(*(part.value(u) for part in self.parts))
-        return math.fsum(force), math.fsum(slope), math.fsum(curvature)
+        return sum(force), sum(slope), sum(curvature)
 
     def energy(self, u: float) -> float:
-        return math.fsum(part.energy(u) for part in self.parts)
+        return sum(part.energy(u) for part in self.parts)
 
     def local(self, at: float) -> np.ndarray | None:
         """Coefficients of f in powers of u - at; None where a part is no polynomial."""

@@ -35,15 +35,19 @@ from .errors import InputError, SimulationError
 from .laws import Law, part_law
 
 #: The flow starts this far from the state that lost its stability, as a part of the leading part's stretch.
-NUDGE = 1e-6
+NUDGE = 1e-4
+#: What breaks ties between equal parts, as a part of that.
+TIE_BREAK = 1e-3
 #: Tolerances of the flow's integration; the limit itself is solved for exactly.
 FLOW_RTOL, FLOW_ATOL = 1e-8, 1e-12
 #: The flow has arrived where a Newton step from a stable state is shorter than this part of the stretches.
 ARRIVED = 1e-7
+#: Eigenvalues below this part of the parts' largest slope are not those of a stable state.
+NEUTRAL = 1e-8
 #: Forces that differ by less than this part are equal, where parts may end together; so are elongations, where branches join.
 TOGETHER, SAME = 1e-12, 1e-9
 #: Steps after which a flow, and events after which a way along branches, counts as endless.
-MAX_STEPS, MAX_EVENTS = 20_000, 10_000
+MAX_STEPS, MAX_EVENTS = 3000, 10_000
 
 
 class Event(NamedTuple):
@@ -258,11 +262,11 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
 def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
     """Intervals of p on which x increases, and whether each end is a fold.
 
-    A fold may lie very near an end, where the leading part has turned: dx/dp is looked at with distances from the ends that
-    double each time, and evenly between.
+    A fold may lie near an end, where the leading part has turned: dx/dp is looked at with distances from the ends that double
+    each time, and evenly between.  Nearer than that, where parts turn together, dx/dp is lost in round-off.
     """
     width = chain.end - chain.start
-    near = np.ldexp(width, np.arange(-40, -1))
+    near = np.ldexp(width, np.arange(-14, -1))
     grid = np.unique(np.concatenate((chain.start + near, chain.end - near, chain.start + width * np.linspace(0.02, 0.98, 97))))
     grid = grid[(grid > chain.start) & (grid < chain.end)]
     growth = np.array([chain.growth(p) for p in grid])
@@ -274,7 +278,7 @@ def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
             begin, begin_fold = brentq(chain.growth, a, b, xtol=1e-300, rtol=4.0 * EPS), True
     if len(growth) and growth[-1] > 0.0:
         found.append((begin, chain.end, (begin_fold, False)))
-    return found
+    return [(a, b, folds) for a, b, folds in found if chain.total(b) - chain.total(a) > TOGETHER * abs(chain.total(b))]
 
 
 # ---------------------------------------------------------------------------------------------------------- what follows
@@ -317,7 +321,7 @@ def _ending(branch: Branch, x: float) -> list[set[int]]:
             continue
         else:
             ends = ((-1, on.first), (1, on.last))
-        found.append({end for end, at in ends if abs(force - at) <= TOGETHER * abs(at)})
+        found.append({end for end, at in ends if abs(force - at) <= TOGETHER * abs(force)})
     return found
 
 
@@ -354,7 +358,7 @@ def _snap(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) ->
     at: the stretches into which the parts move.
     """
     flow = _Flow(branch.memory, x)
-    final = flow.limit(_nudged(branch, x, lead, way, at))
+    final = flow.limit(_nudged(branch, x, lead, way, at), branch.displacements(x))
     landed = _branch_at(branch.memory, x, final, flow.width)
     if landed is None or landed is branch:
         raise SimulationError("snapping", f"no stable state follows a snap at x = {x!r} m; u = {final.tolist()!r} m", 0.0)
@@ -379,7 +383,8 @@ def _nudged(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) 
             slopes.append(on.curve.value(min(max(v, on.start + room), on.end - room))[1])
         vector = np.linalg.eigh(np.diag(slopes) + m.k)[1][:, 0]
         direction[free] = vector * way * np.sign(vector[free.index(lead)])
-    return u + size * direction / np.abs(direction).max()
+    first = way * TIE_BREAK * (1.0 - np.arange(len(u)) / len(u))    # of equal parts the lowest index goes first
+    return u + size * (direction / np.abs(direction).max() + first)
 
 
 class _Flow:
@@ -400,9 +405,12 @@ class _Flow:
         slopes = [self.m.force(i, v)[1] for i, v in enumerate(u)]
         return np.diag(slopes) + (self.m.k if self.tension(u) > 0.0 else 0.0)
 
-    def limit(self, u: np.ndarray) -> np.ndarray:
-        """(n,) m: where the flow from u ends, to within ARRIVED."""
-        u, steps = np.clip(u, 0.0, self.end), 0
+    def limit(self, u: np.ndarray, origin: np.ndarray) -> np.ndarray:
+        """(n,) m: where the flow from u ends, to within ARRIVED.  origin: the state that it leaves.
+
+        Where that is so nearly neutral that round-off is all that moves the flow, it is pushed further.
+        """
+        u, steps, push = np.clip(u, 0.0, self.end), 0, NUDGE * self.width
         while True:
             free = ~self._held(u)
             moved = u.copy()
@@ -410,6 +418,10 @@ class _Flow:
             while (free == ~self._held(u)).all():
                 if self._arrived(u, free):
                     return u
+                if np.abs(self.rate(u)[free]).max() <= 64.0 * EPS * self.m.k * self.x:
+                    push *= 10.0
+                    u = self._pushed(u, free, push, u - origin)
+                    break
                 before = solver.t
                 solver.step()
                 steps += 1
@@ -417,6 +429,13 @@ class _Flow:
                     raise SimulationError("snapping", f"a snap at x = {self.x!r} m finds no end", 0.0)
                 u = u.copy()
                 u[free] = self._stopped(solver, before, free)
+
+    def _pushed(self, u: np.ndarray, free: np.ndarray, push: float, onward: np.ndarray) -> np.ndarray:
+        """u moved by `push` (m) along the lowest eigenvector, to the side of `onward`."""
+        vector = np.linalg.eigh(self.hessian(u)[np.ix_(free, free)])[1][:, 0]
+        u = u.copy()
+        u[free] += push * math.copysign(1.0, vector @ onward[free]) * vector
+        return np.clip(u, 0.0, self.end)
 
     def _held(self, u: np.ndarray) -> np.ndarray:
         """Whether each part is at a stop and pressed against it."""
@@ -454,7 +473,8 @@ class _Flow:
         if not free.any():
             return True
         hessian = self.hessian(u)[np.ix_(free, free)]
-        if not np.linalg.eigvalsh(hessian)[0] > 0.0:
+        largest = max(abs(self.m.force(i, v)[1]) for i, v in enumerate(u))
+        if not np.linalg.eigvalsh(hessian)[0] > NEUTRAL * largest:
             return False
         return bool(np.abs(np.linalg.solve(hessian, self.rate(u)[free])).max() <= ARRIVED * self.width)
 
