@@ -649,7 +649,7 @@ static void make_piece(graph *g, ts_piece *p, branch *b)
     double compliance = ts_rise_straight(&r), width = fmax(b->x[0], 1e-3);
     const char *reason;
     if (compliance > 0.0 && !fold) reason = ts_fit_line(p, &g->c->table, &g->rows, force, 1.0 / compliance);
-    else if (b->kind == TS_OPEN) reason = ts_fit_open(p, &g->c->table, &g->rows, &r, width, g->size);
+    else if (b->kind == TS_OPEN) reason = ts_fit_open(p, &g->c->table, &g->rows, ts_rise_force, &r, width, g->size);
     else reason = ts_fit_piece(p, &g->c->table, &g->rows, fold ? ts_rise_off_fold : ts_rise_force, &r, TS_FIT_ERROR * g->size);
     if (reason) g->reason = reason;
     else ts_piece_integrate(p, g->c->table, start);

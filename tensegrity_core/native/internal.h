@@ -18,7 +18,7 @@
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
 #define TS_DEGREE 7               /* of the polynomials of force curves */
 #define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
-#define TS_OCTAVES 12             /* of an open piece */
+#define TS_OCTAVES 16             /* of an open piece */
 
 typedef struct {
     int32_t offset; /* of the block in q */

@@ -354,6 +354,30 @@ const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*fo
     return (p->kind == TS_GRADED ? fit_graded : fit_fold)(p, table, rows, force, at, error);
 }
 
+/* Rows of a piece without end: octaves of 1 + (x - lo)/w, fitted relative to the force in each row or `size`, N. */
+const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double w,
+                        double size)
+{
+    p->kind = TS_OPEN;
+    p->first = *rows;
+    p->scale = 1.0 / w;
+    for (p->each = 1;; p->each *= 2) {
+        double worst = 0.0, begin;
+        p->rows = p->each * TS_OCTAVES;
+        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+        if (!more) return "out of memory";
+        *table = more;
+        for (int i = 0; i < p->rows; i++) {
+            double width = ts_row_width(p, i, &begin), *row = more + TS_ROW * (*rows + i);
+            double error = ts_fit_row(force, at, begin, width, row);
+            worst = fmax(worst, error / fmax(size, ts_polynomial(row + 1, 1.0)));
+        }
+        if (worst > TS_FIT_ERROR && p->rows < TS_MAX_ROWS) continue;
+        *rows += p->rows;
+        return NULL;
+    }
+}
+
 /* Append the sum on [lo, hi], which no polynomial gives: fitted, cut where its slope changes its sign. */
 static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, double size)
 {
@@ -385,6 +409,17 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
         before = slope;
         a = lo + (hi - lo) * i / SAMPLES;
     }
+}
+
+/* Append the sum from lo on, monotone and without end. */
+static void append_open_sum(ts_law *law, sum *s, double lo, int snapped, double size)
+{
+    double slope, force = sum_of(s, lo, &slope), beyond;
+    ts_piece p = {.snapped = snapped, .lo = lo, .hi = INFINITY};
+    sum_of(s, 2.0 * lo + 1e-3, &beyond);
+    if (slope * beyond < 0.0) law->reason = "parts in parallel have an extremum where one of them is a series without end";
+    else law->reason = ts_fit_open(&p, &law->table, &law->rows, sum_force, s, fmax(lo, 1e-3), size);
+    append(law, (ts_stretch){p, {force, beyond * INFINITY}, sign(beyond), 0});
 }
 
 /* Is the law one polynomial on each of the stretches? */
@@ -426,7 +461,7 @@ static void add_parallel(ts_law *law, const ts_law *part, int n)
         }
         if (exact(&s)) append_exact_sum(law, &s, lo, hi, snapped, smooth);
         else if (hi < INFINITY) append_sum(law, &s, lo, hi, snapped, size);
-        else law->reason = "a series without end and a spring in parallel";
+        else append_open_sum(law, &s, lo, snapped, size);
         if (!(hi < INFINITY)) break;
         for (int j = 0; j < n; j++) {
             if (part[j].s[at[j]].p.hi > hi) continue;

@@ -52,7 +52,8 @@ double ts_rise_force(void *rise, double x);
 double ts_rise_off_fold(void *rise, double s);
 double ts_rise_straight(const ts_rise *r);
 const char *ts_fit_line(ts_piece *p, double **table, int32_t *rows, double force, double k);
-const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, ts_rise *r, double w, double size);
+const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double w,
+                        double size);
 const char *ts_series(ts_law *law, const ts_law *part, int n);
 const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error);
 

@@ -150,29 +150,6 @@ double ts_rise_straight(const ts_rise *r)
     return sum;
 }
 
-/* Rows of a rise to infinity: octaves of 1 + (x - lo)/w, fitted relative to the force in each row or `size`, N. */
-const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, ts_rise *r, double w, double size)
-{
-    p->kind = TS_OPEN;
-    p->first = *rows;
-    p->scale = 1.0 / w;
-    for (p->each = 1;; p->each *= 2) {
-        double worst = 0.0, begin;
-        p->rows = p->each * TS_OCTAVES;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) {
-            double width = ts_row_width(p, i, &begin), *row = more + TS_ROW * (*rows + i);
-            double error = ts_fit_row(ts_rise_force, r, begin, width, row);
-            worst = fmax(worst, error / fmax(size, ts_polynomial(row + 1, 1.0)));
-        }
-        if (worst > TS_FIT_ERROR && p->rows < TS_MAX_ROWS) continue;
-        *rows += p->rows;
-        return NULL;
-    }
-}
-
 /* Append a rise to a force at its end, its rows as its parts have it. */
 static void append_rise(climb *c, ts_rise *r, double end, double top)
 {
@@ -182,7 +159,7 @@ static void append_rise(climb *c, ts_rise *r, double end, double top)
     const char *reason;
     if (compliance > 0.0) reason = ts_fit_line(&p, &law->table, &law->rows, c->force, 1.0 / compliance);
     else if (end < INFINITY) reason = ts_fit_piece(&p, &law->table, &law->rows, ts_rise_force, r, TS_FIT_ERROR * c->size);
-    else reason = ts_fit_open(&p, &law->table, &law->rows, r, w, c->size);
+    else reason = ts_fit_open(&p, &law->table, &law->rows, ts_rise_force, r, w, c->size);
     if (reason) law->reason = reason;
     else append(law, p, c->force, top, 1, 0);
 }
