@@ -63,7 +63,8 @@ class SteadyHeights:
     """Where a system rests under each of F lifts.
 
     force: (F,) N on each top node; nodes: names of the T top nodes; height: (F, T) m, their z; elastic_force: (F, S) N;
-    snapped: (F, H) beams of each NSH past their force maximum; speed: (F,) m/s, the fastest node at the end of the run.
+    string_length: (F, S) m; snapped: (F, H) beams of each NSH past their force maximum; speed: (F,) m/s, the fastest node at
+    the end of the run.
     """
 
     model: Model
@@ -71,6 +72,7 @@ class SteadyHeights:
     nodes: tuple[str, ...]
     height: np.ndarray
     elastic_force: np.ndarray
+    string_length: np.ndarray
     snapped: np.ndarray
     speed: np.ndarray
 
@@ -101,6 +103,7 @@ def steady_heights(
         nodes=tuple(model.node_names[i] for i in top),
         height=np.array([end.position[-1, top, 2] for end in ends]),
         elastic_force=np.array([end.elastic_force[-1] for end in ends]),
+        string_length=np.array([end.string_length[-1] for end in ends]),
         snapped=np.array([end.snapped[-1] for end in ends], dtype=int),
         speed=np.array([np.linalg.norm(end.velocity[-1], axis=1).max() for end in ends]),
     )

@@ -201,8 +201,9 @@ equations with the corrected moment of inertia (J = m/12 in M), the exact NSH la
 OPEN = f"""The article leaves open: the prestress of the two-bar and the six-bar system, what a damper does while its string
 shortens, what follows beyond the NSH's end at 9 cm, whether an NSH string keeps its damper, the wave's sign and phase, gravity
 of the 3D systems, and all numbers of experiment IV. The last column says which other choice changes a verdict, or how much of a
-claim holds. The NSH's law stays the article's, single-valued; lifts are the article's, {LIFTS[0]} to {LIFTS[-1]} N in steps of
-{LIFTS[1] - LIFTS[0]} N."""
+claim holds. The NSH's law is the article's, single-valued and without the string's own stiffness, but for two choices: with
+that stiffness in series, without and with memory ([memory.md](memory.md)). Lifts are the article's, {LIFTS[0]} to {LIFTS[-1]} N
+in steps of {LIFTS[1] - LIFTS[0]} N."""
 
 
 def report(data: dict) -> str:

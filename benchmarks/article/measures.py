@@ -17,7 +17,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from article.variants import BASE, VARIANTS, Variant  # noqa: E402
 
-from tensegrity_core import experiments, nsh  # noqa: E402
+from tensegrity_core import experiments, laws, nsh  # noqa: E402
 from tensegrity_core.errors import TensegrityError  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
 from tensegrity_core.result import Result  # noqa: E402
@@ -46,7 +46,7 @@ def measure_1(variant: Variant) -> dict:
 
 def heights(model: Model) -> dict:
     """One system's; m, N, m/s.  bend: largest distance from the straight line through (lift, z), over the range of z."""
-    run = experiments.steady_heights(model, experiments.LIFTS)
+    run = lifted(model, experiments.LIFTS)
     z = run.height.mean(axis=1)
     line = np.polyval(np.polyfit(run.force, z, 1), run.force)
     return {
@@ -57,15 +57,36 @@ def heights(model: Model) -> dict:
         "spread": float(np.ptp(run.height, axis=1).max()),
         "speed": float(run.speed.max()),
         "most_snapped": run.snapped[[0, -1]].max(axis=1, initial=0).tolist(),
-        "least_snapped": run.snapped[[0, -1]].min(axis=1, initial=4 if model.nsh_strings else 0).tolist(),
+        "least_snapped": run.snapped[[0, -1]].min(axis=1, initial=4 if honeycombs(model) else 0).tolist(),
         "snaps": [snaps_of(run, column) for column in kinds(model)],
-        "apart": int(np.ptp(run.snapped, axis=1).max()) if model.nsh_strings else 0,
+        "apart": int(np.ptp(run.snapped, axis=1).max()) if honeycombs(model) else 0,
     }
+
+
+def lifted(model: Model, forces) -> experiments.SteadyHeights:
+    """The steady heights, with the snapped beams of every honeycomb."""
+    run = experiments.steady_heights(model, forces)
+    return replace(run, snapped=snapped(model, run.snapped, run.string_length))
+
+
+def honeycombs(model: Model) -> list[int]:
+    """Strings with an NSH, also those that are an element of beams and a spring."""
+    return sorted({*model.nsh_strings, *model.laws})
+
+
+def snapped(model: Model, counted: np.ndarray, string_length: np.ndarray) -> np.ndarray:
+    """(K, number of honeycombs): beams past their force maximum; of strings with an NSH those that the kernel counts (K, H), of
+    elements without memory by the strings' lengths (K, S), m."""
+    found = dict(zip(model.nsh_strings, counted.T))
+    for i, element in model.laws.items():
+        law = laws.law(element)
+        found[i] = [law.snapped_on_piece(law.piece_of(x)) for x in string_length[:, i] - model.rest_length[i]]
+    return np.array([found[i] for i in sorted(found)], dtype=int).reshape(len(found), len(string_length)).T
 
 
 def kinds(model: Model) -> list[list[int]]:
     """NSH strings that are each other's images, as columns of `snapped`: the six-bar system has two kinds of them."""
-    count = len(model.nsh_strings)
+    count = len(honeycombs(model))
     return [list(range(i, i + 3)) for i in (0, 3)] if count == 6 else [list(range(count))] if count else []
 
 
@@ -76,15 +97,14 @@ def snaps_of(run: experiments.SteadyHeights, columns: list[int]) -> list[list[fl
     return [[float(run.force[i]), float(run.force[i + 1]), int(most[i + 1] - most[i])] for i in increases]
 
 
-def located_snaps(name: str) -> list[dict]:
-    """The base model's snaps, per kind of NSH string and beam; lifts from 0 N on, so that those below 10 N are found, too.
+def located_snaps(model: Model) -> list[dict]:
+    """A model's snaps, per kind of NSH string and beam; lifts from 0 N on, so that those below 10 N are found, too.
 
     lift: N, the least at which the beam is found past its maximum, by bisection; tension: N, the largest in the kind's strings
     just below it; gap_lift: N, where the height jumps most near it; gap: m, that jump between lifts SNAP_WIDTH apart.
     """
-    model = BASE.model(name)
     forces = np.arange(0.0, experiments.LIFTS[-1] + 1.0, 2.0)
-    run = experiments.steady_heights(model, forces)
+    run = lifted(model, forces)
     found = []
     for kind, columns in enumerate(kinds(model)):
         count = run.snapped[:, columns].max(axis=1)
@@ -97,10 +117,10 @@ def located_snaps(name: str) -> list[dict]:
 def _snap(model: Model, columns: list[int], beams: int, low: float, high: float) -> dict:
     while high - low > SNAP_WIDTH:
         middle = 0.5 * (low + high)
-        run = experiments.steady_heights(model, [middle])
+        run = lifted(model, [middle])
         low, high = (low, middle) if run.snapped[0, columns].max() >= beams else (middle, high)
     below = experiments.steady_heights(model, [low])
-    return {"lift": high, "tension": float(below.elastic_force[0, [model.nsh_strings[i] for i in columns]].max())}
+    return {"lift": high, "tension": float(below.elastic_force[0, [honeycombs(model)[i] for i in columns]].max())}
 
 
 def _gap(model: Model, low: float, high: float) -> dict:
@@ -150,7 +170,7 @@ def wave(variant: Variant, kind: str, damping: float) -> dict:
     drawn = result.times <= DRAWN_SECONDS + 1e-9
     swing = experiments.steady_span(result.times, moved, 2.0 * experiments.PERIOD)
     force = between(model, result, "n1", "n4")[drawn]
-    snapped = result.snapped[drawn, 0] if kind == NSH else np.zeros(1, dtype=int)
+    beams = snapped(model, result.snapped, result.string_length)[drawn, 0] if kind == NSH else np.zeros(1, dtype=int)
     return {
         "way": float(np.linalg.norm(moved[drawn], axis=1).max()),
         "swing": [*swing.tolist(), float(np.linalg.norm(swing))],
@@ -158,7 +178,7 @@ def wave(variant: Variant, kind: str, damping: float) -> dict:
         "force_peak": float(force.max()),
         "force_mean": float(force.mean()),
         "bar_mean": float(np.abs(result.bar_force[drawn]).mean()),
-        "snaps": int(np.maximum(np.diff(snapped), 0).sum()),
+        "snaps": int(np.maximum(np.diff(beams), 0).sum()),
         "dissipated": float(result.dissipated[-1]),
     }
 
@@ -269,7 +289,7 @@ def measure() -> dict:
     """Everything: 'statics', 'rise' and 'snaps' of the base model, and per experiment variant -> numbers, or what went wrong;
     'sweep': damping -> numbers of II."""
     found: dict = {"statics": measure_statics(), "rise": rise()}
-    found["snaps"] = {name: located_snaps(f"{name}_nsh") for name in experiments.SYSTEMS}
+    found["snaps"] = {name: located_snaps(BASE.model(f"{name}_nsh")) for name in experiments.SYSTEMS}
     for experiment, variants in VARIANTS.items():
         found[experiment] = {}
         for variant in variants:

@@ -1,7 +1,7 @@
 """What the article leaves open, each choice settled another way: the variants under which docs/claims.md judges its claims.
 
 A variant maps a system's model to the model that is run; of II it also says how the wave starts, of IV it has the oscillator's
-numbers.
+numbers.  Here is also the NSH's law with the string's own stiffness in series, without and with memory.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-from tensegrity_core import experiments, nsh  # noqa: E402
+from tensegrity_core import experiments, nsh, statics  # noqa: E402
+from tensegrity_core.elements import Series, Spring  # noqa: E402
 from tensegrity_core.inputs import held  # noqa: E402
 from tensegrity_core.kernel import simulate  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
@@ -75,6 +76,30 @@ def end_stiffness(model: Model) -> Model:
 def lengths(model: Model) -> np.ndarray:
     """(S,) m, at the start."""
     return np.linalg.norm(model.nodes[model.strings[:, 1]] - model.nodes[model.strings[:, 0]], axis=1)
+
+
+def in_series(law: str) -> Callable[[Model], Model]:
+    """The string's own stiffness k in series with its NSH, which has the law 'single_valued' or 'hysteretic'.
+
+    The single-valued one is an element of a spring and the beams; the law with memory has k in series anyway.  Each string
+    bears at the start what it bore before, so the start stays in equilibrium.
+    """
+
+    def change(model: Model) -> Model:
+        honeycombs, elements = list(model.nsh), list(model.element)
+        for i in model.nsh_strings:
+            if law == "hysteretic":
+                honeycombs[i] = replace(honeycombs[i], law=law)
+            else:
+                elements[i] = Series((Spring(float(model.stiffness[i])), *honeycombs[i].element.parts), law)
+                honeycombs[i] = None
+        changed, length = replace(model, nsh=tuple(honeycombs), element=tuple(elements)), lengths(model)
+        tension, rest_length = statics.string_tension(model, length), model.rest_length.copy()
+        for i in model.nsh_strings:
+            rest_length[i] = length[i] - statics.string_elongation(changed, i, float(tension[i]))
+        return replace(changed, rest_length=rest_length)
+
+    return change
 
 
 def weightless(model: Model) -> Model:
@@ -184,7 +209,9 @@ TIGHTER = (
     Variant("tight_top", "top strings 20 cm shorter, settled", shortened(0.2, top=True)),
 )
 HEAVIER = tuple(Variant(f"d_times_{f:g}", f"every d {f:g} times as large", damping=f) for f in (2.0, 5.0, 10.0))
-STRINGS = (LAW, *BEYOND, *DAMPERS)
+SINGLE_VALUED = Variant("series", "k in series with the NSH, single-valued", in_series("single_valued"))
+HYSTERETIC = Variant("memory", "k in series with the NSH, with memory (`hysteretic`)", in_series("hysteretic"))
+STRINGS = (LAW, *BEYOND, *DAMPERS, SINGLE_VALUED, HYSTERETIC)
 OSCILLATORS = (
     Variant("k15", "k = 15 kN/m, as in the 2D system", oscillator={"stiffness": 15000.0}),
     Variant("d50", "d = 50 N s/m", oscillator={"damping": 50.0}),
