@@ -4,13 +4,14 @@
  *     centre of a free bar:   r'' = Q/m
  *     vector of a free bar:   b'' = (12/m) P Q - (|b'|^2/|b|^2) b,   Q = (f2 - f1)/2
  *     pinned bar:             c'' = (3/m) P Q - (|c'|^2/|c|^2) c,    Q = f_tip
- * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of mass,
- * see drives.c; so do drag, moved nodes and actuators add to what stands here.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
+ * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of
+ * mass; they, drag, moved nodes and actuators stand in drives.c.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
  *
  * The state is y = [q, q', dissipated, input work, throughput].  External forces are mostly constant over a step; their work is
  * then a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
- * planar scene is computed in the plane.  What concerns all strings alike is worked out for two of them at a time. */
+ * planar scene is computed in the plane, and those with a parameter `driven` also without what drives.c adds.  What concerns all
+ * strings alike is worked out for two of them at a time. */
 #include "kinematics.h"
 
 #include <math.h>
@@ -123,15 +124,16 @@ double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
 }
 
 /* Node positions and velocities from the blocks, side by side. */
-ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int moves, const int D)
+ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int driven, const int D)
 {
     for (int i = 0; i < m->pinned_count; i++) {
         const ts_place_of_bar *p = m->pinned + i;
-        const double *base = moves ? x + 2 * D * p->first : m->anchor + p->second * D, *c = q + p->block * D, *cd = v + p->block * D;
+        const double *base = driven ? x + 2 * D * p->first : m->anchor + p->second * D;
+        const double *c = q + p->block * D, *cd = v + p->block * D;
         double *tip = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
             tip[d] = base[d] + c[d];
-            tip[D + d] = moves ? base[D + d] + cd[d] : cd[d];
+            tip[D + d] = driven ? base[D + d] + cd[d] : cd[d];
         }
     }
     for (int i = 0; i < m->floating_count; i++) {
@@ -244,18 +246,14 @@ static void bend_rest_lengths(ts_sim *sim, double tau)
 }
 
 /* Kinematics and tensions of all strings: s, s', 1/xi, elongation, rate, f_s, f_d. */
-ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int D)
+ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
-    if (m->count[TS_E]) {
-        ts_move_bases(sim, tau);
-        spread(m, q, v, sim->x, 1, D);
-    } else {
-        spread(m, q, v, sim->x, 0, D);
-    }
-    if (sim->rest_bends || m->count[TS_A]) {
+    if (driven) ts_move_bases(sim, tau);
+    spread(m, q, v, sim->x, driven, D);
+    if (sim->rest_bends || (driven && m->count[TS_A])) {
         bend_rest_lengths(sim, tau);
-        if (m->count[TS_A]) ts_wind(sim, q);
+        if (driven) ts_wind(sim, q);
         stretch(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
     } else {
         stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
@@ -304,11 +302,11 @@ static void external_power(const ts_sim *sim, double tau, const double *v, doubl
 }
 
 /* Rates of the ledger's integrals (W): dampers, rest lengths that move, external forces that move. */
-ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p)
+ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p, const int driven)
 {
     double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
     const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate;
-    const double *rest_rate = sim->rest_bends || sim->m.count[TS_A] ? sim->rest_rate_now : sim->rest_rate;
+    const double *rest_rate = sim->rest_bends || (driven && sim->m.count[TS_A]) ? sim->rest_rate_now : sim->rest_rate;
     for (int i = 0; i < sim->m.lanes; i += TS_LANES)
         for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
     if (sim->rest_moves)
@@ -330,7 +328,7 @@ static void move_forces(const ts_sim *sim, double tau, double *Q)
 }
 
 /* Generalised forces on the blocks. */
-ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int D)
+ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->pinned_count; i++) {
@@ -347,7 +345,7 @@ ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, do
         }
     }
     if (sim->forces_move) move_forces(sim, tau, Q);
-    if (m->count[TS_E]) ts_carry(sim, Q);
+    if (driven) ts_carry(sim, Q);
 }
 
 /* Accelerations of a bar vector c from its generalised force, in place. */
@@ -357,17 +355,17 @@ ALWAYS_INLINE void turn(double w, const double *c, const double *cd, double *Q, 
     for (int d = 0; d < D; d++) Q[d] = w * Q[d] - along * c[d];
 }
 
-ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, const int D)
+ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
     int nq = m->nq;
     const double *q = y, *v = y + nq;
     double *a = dy + nq;
-    strings(sim, tau, q, v, D);
+    strings(sim, tau, q, v, driven, D);
     pull(sim, sim->node_force, D);
-    if (m->driven) ts_drag(sim, sim->node_force);
-    ledger_rates(sim, tau, v, dy + 2 * nq);
-    gather(sim, tau, sim->node_force, a, D);
+    if (driven) ts_drag(sim, sim->node_force);
+    ledger_rates(sim, tau, v, dy + 2 * nq, driven);
+    gather(sim, tau, sim->node_force, a, driven, D);
     for (int i = 0; i < nq; i++) dy[i] = v[i];
     for (int i = 0; i < m->pinned_count; i++) {
         int b = m->pinned[i].block;
@@ -378,7 +376,7 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
         for (int d = 0; d < D; d++) a[r * D + d] *= sim->inv[r];
         turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
     }
-    if (!m->driven) return;
+    if (!driven) return;
     ts_motors(sim, tau, v, a);
     for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inv[i / D];
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
@@ -387,33 +385,41 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 {
     sim->memory.stats[TS_RHS]++;
-    DISPATCH(sim, rhs, sim, tau, y, dy);
+    if (sim->m.driven) DISPATCH(sim, rhs, sim, tau, y, dy, 1);
+    else DISPATCH(sim, rhs, sim, tau, y, dy, 0);
 }
 
 ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
-    if (sim->m.driven) { /* a moved node's power needs the accelerations */
-        rhs(sim, tau, y, sim->lin, D);
-        memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
+    strings(sim, tau, y, y + sim->m.nq, 0, D);
+    ledger_rates(sim, tau, y + sim->m.nq, p, 0);
+}
+
+void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
+{
+    if (!sim->m.driven) {
+        DISPATCH(sim, power, sim, tau, y, p);
         return;
     }
-    strings(sim, tau, y, y + sim->m.nq, D);
-    ledger_rates(sim, tau, y + sim->m.nq, p);
+    DISPATCH(sim, rhs, sim, tau, y, sim->lin, 1); /* a moved node's power needs the accelerations */
+    memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
 }
-
-void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]) { DISPATCH(sim, power, sim, tau, y, p); }
 
 /* Strings' kinematics and tensions, and the generalised forces Q on the blocks: what the Jacobian starts from. */
-ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int D)
+ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int driven, const int D)
 {
-    strings(sim, tau, y, y + sim->m.nq, D);
+    strings(sim, tau, y, y + sim->m.nq, driven, D);
     pull(sim, sim->node_force, D);
-    if (sim->m.driven) ts_drag(sim, sim->node_force);
-    gather(sim, tau, sim->node_force, Q, D);
-    if (sim->m.driven) ts_motors(sim, tau, y + sim->m.nq, Q);
+    if (driven) ts_drag(sim, sim->node_force);
+    gather(sim, tau, sim->node_force, Q, driven, D);
+    if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
 }
 
-void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(sim, forces, sim, tau, y, Q); }
+void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
+{
+    if (sim->m.driven) DISPATCH(sim, forces, sim, tau, y, Q, 1);
+    else DISPATCH(sim, forces, sim, tau, y, Q, 0);
+}
 
 ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int D)
 {
