@@ -105,7 +105,7 @@ typedef struct {
     int32_t *mover;                 /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
     int32_t *mover_bar;             /* (E) bar that is pinned there, -1: none */
     int32_t *winder;                /* (S) actuator that winds the string, or -1 */
-    int32_t driven;                 /* there is drag, a moved node or an actuator, see drives.c */
+    int32_t driven;                 /* there is a point mass, drag, a moved node or an actuator, see drives.c */
     const double *velocity;         /* (N, D) start velocities, m/s */
     double *anchor;                 /* (N, D) what the node's position adds to, m */
     double *bar_length;             /* (B) m */

@@ -223,7 +223,7 @@ static const char *lay_out_drives(ts_model *m)
     }
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->fixed[m->dragged[r]]) return "a node with drag is fixed";
-    m->driven = m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
+    m->driven = m->count[TS_P] + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
     return NULL;
 }
 

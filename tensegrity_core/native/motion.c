@@ -139,12 +139,13 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
     for (int i = 0; i < m->floating_count; i++) {
         const ts_place_of_bar *p = m->floating + i;
         const double *r = q + p->block * D, *b = r + D, *rd = v + p->block * D, *bd = rd + D;
+        const double lower = driven ? p->lower : 0.5, upper = driven ? p->upper : 0.5;
         double *first = x + 2 * D * p->first, *second = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
-            first[d] = r[d] - p->lower * b[d];
-            first[D + d] = rd[d] - p->lower * bd[d];
-            second[d] = r[d] + p->upper * b[d];
-            second[D + d] = rd[d] + p->upper * bd[d];
+            first[d] = r[d] - lower * b[d];
+            first[D + d] = rd[d] - lower * bd[d];
+            second[d] = r[d] + upper * b[d];
+            second[D + d] = rd[d] + upper * bd[d];
         }
     }
 }
@@ -341,7 +342,7 @@ ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, do
         double *Qr = Q + p->block * D, *Qb = Qr + D;
         for (int d = 0; d < D; d++) {
             Qr[d] = Qg[d] + (f1[d] + f2[d]);
-            Qb[d] = Qg[D + d] + (p->upper * f2[d] - p->lower * f1[d]);
+            Qb[d] = Qg[D + d] + (driven ? p->upper * f2[d] - p->lower * f1[d] : 0.5 * (f2[d] - f1[d]));
         }
     }
     if (sim->forces_move) move_forces(sim, tau, Q);
@@ -382,11 +383,16 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
 }
 
+APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *dy) { DISPATCH(sim, rhs, sim, tau, y, dy, 1); }
+
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 {
     sim->memory.stats[TS_RHS]++;
-    if (sim->m.driven) DISPATCH(sim, rhs, sim, tau, y, dy, 1);
-    else DISPATCH(sim, rhs, sim, tau, y, dy, 0);
+    if (sim->m.driven) {
+        driven_rhs(sim, tau, y, dy);
+        return;
+    }
+    DISPATCH(sim, rhs, sim, tau, y, dy, 0);
 }
 
 ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
@@ -401,7 +407,7 @@ void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
         DISPATCH(sim, power, sim, tau, y, p);
         return;
     }
-    DISPATCH(sim, rhs, sim, tau, y, sim->lin, 1); /* a moved node's power needs the accelerations */
+    driven_rhs(sim, tau, y, sim->lin); /* a moved node's power needs the accelerations */
     memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
 }
 
@@ -421,12 +427,13 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
     else DISPATCH(sim, forces, sim, tau, y, Q, 0);
 }
 
-ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int D)
+ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int driven,
+                                const int D)
 {
     const ts_model *m = &sim->m;
     double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
     string_vector(m, y, y + m->nq, i, s, sd, D);
-    for (int end = 0; m->count[TS_E] && end < 2; end++) {
+    for (int end = 0; driven && end < 2; end++) {
         double x[3], v[3], sign = end ? 1.0 : -1.0;
         int mover = m->mover[m->strings[2 * i + end]];
         if (mover < 0) continue;
@@ -436,16 +443,25 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
     double xi = sqrt(dot(s, s, D));
     *gap = xi - ts_rest_length(sim, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
-    if (m->winder[i] >= 0) {
+    if (driven && m->winder[i] >= 0) {
         *gap += ts_wound(sim, y, i);
         *rate += ts_wound(sim, y + m->nq, i);
     }
 }
 
+APART static void driven_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
+{
+    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 1);
+}
+
 /* Elongation of one string and its rate. */
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
 {
-    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate);
+    if (sim->m.driven) {
+        driven_string_state(sim, tau, y, i, gap, rate);
+        return;
+    }
+    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 0);
 }
 
 ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
