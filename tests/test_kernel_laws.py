@@ -186,14 +186,9 @@ def test_nested_loops_remember_each_for_itself():
         Kernel(mast(1.0, element=nested_loops(13)))
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_graphs_with_memory_are_consistent(seed):
-    """Force and energy at every joint; what snaps lose is what the energies say."""
-    random = np.random.default_rng(seed)
-    n = random.integers(1, 5)
-    nsh = NSH(tuple(random.uniform(1, 30, n)), tuple(random.uniform(0.5, 12, n)), tuple(random.uniform(0.003, 0.03, n)), "hysteretic")
-    kernel = Kernel(mast(10.0 ** random.uniform(2.0, 4.5), nsh=nsh))
-    pieces, size = kernel.pieces(1), 4.0 * max(nsh.Q)
+def assert_consistent(kernel, size):
+    """Force and energy at every joint; what snaps lose is what the energies say; energies are integrals of forces."""
+    pieces = kernel.pieces(1)
     assert pieces[0].slack and pieces[0].lo == -np.inf and pieces[0].hi == 0.0
     for i, piece in enumerate(pieces):
         for end, beyond, loss in ((piece.lo, piece.down, piece.loss_down), (piece.hi, piece.up, piece.loss_up)):
@@ -210,6 +205,29 @@ def test_graphs_with_memory_are_consistent(seed):
             laws = np.array([kernel.piece_law(1, i, x) for x in inside])
             work = [quad(lambda x: kernel.piece_law(1, i, x)[0], a, b, epsabs=1e-15)[0] for a, b in zip(inside, inside[1:])]
             np.testing.assert_allclose(np.diff(laws[:, 2]), work, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_graphs_with_memory_are_consistent(seed):
+    random = np.random.default_rng(seed)
+    n = random.integers(1, 5)
+    nsh = NSH(tuple(random.uniform(1, 30, n)), tuple(random.uniform(0.5, 12, n)), tuple(random.uniform(0.003, 0.03, n)), "hysteretic")
+    assert_consistent(Kernel(mast(10.0 ** random.uniform(2.0, 4.5), nsh=nsh)), 4.0 * max(nsh.Q))
+
+
+PLATEAU = Table((0.0, 0.019, 0.028, 0.046, 0.065), (0.0, 1.63, 1.14, 1.14, 3.15))
+PEAKED = Table((0.0, 0.018, 0.033, 0.053, 0.085), (0.0, 2.57, 0.91, 0.91, 4.3), "cubic")
+
+
+@pytest.mark.parametrize("parts, stiffness", [
+    ((Beam(2.4, 11.0, 0.024),) * 2, 34000.0),   # stiff: the second stays on its rise while the first falls, and back
+    ((Beam(10.0, 5.0, 0.02),) * 3, 190.0),      # soft: one snap after the other
+    ((PLATEAU, Beam(10.5, 1.07, 0.0056), PEAKED), 9200.0),      # one falls while another goes back along a level stretch
+    ((Parallel((Beam(6.0, 5.0, 0.01), Spring(100.0))), Series((CELL, Spring(200.0)))), 5000.0),
+    ((Parallel((PEAKED,)), Polynomial((200.0, 0.0, 1e6))), 45000.0),
+])
+def test_graphs_of_all_sorts_of_parts_are_consistent(parts, stiffness):
+    assert_consistent(Kernel(mast(stiffness, element=Series(parts, "hysteretic"))), 40.0)
 
 
 # --- general laws ----------------------------------------------------------------------------------------------------
@@ -318,6 +336,19 @@ def test_nested_parts():
     twice = Parallel((element, Spring(10.0)))
     x = elongation(30.0)
     assert law(twice, x)[0] == pytest.approx(30.0 + 10.0 * x, rel=1e-10)
+
+
+def test_a_fitted_part_snaps():
+    """Its curve, cut where the force of the maximum is borne again, is the part's own."""
+    inner = Series((Spring(150.0), Table((0.0, 0.01, 0.03), (0.0, 1.0, 4.0), "cubic")))
+    part = Parallel((inner, Table((0.0, 0.011, 0.022, 0.06), (0.0, 2.8, 1.4, 6.0), "cubic")))
+    x = np.linspace(0.0, 0.05, 301)[1:]
+    alone = law(part, x)[0]
+    peak = alone[:90].argmax()
+    after = np.flatnonzero((alone >= alone[peak]) & (np.arange(300) > peak + 3))[0]
+    assert 0 < peak < after - 10
+    force = law(Series((part, Spring(700.0))), x[peak + 2 : after - 2] + alone[:90].max() / 700.0)[0]
+    np.testing.assert_allclose(force, alone[peak + 2 : after - 2], rtol=0, atol=2e-3)   # the peak lies between samples
 
 
 @pytest.mark.parametrize("element, message", [

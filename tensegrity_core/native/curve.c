@@ -46,13 +46,13 @@ double ts_row_width(const ts_piece *p, int row, double *begin)
     int octave = row / p->each, n = row % p->each, lower = p->octaves[0];
     if (p->kind == TS_OPEN) {
         double from = ldexp(1.0, octave), w = from / p->scale / p->each;
-        *begin = p->lo + (from - 1.0) / p->scale + n * w;
+        *begin = p->origin + (from - 1.0) / p->scale + n * w;
         return w;
     }
     int upper = octave >= lower, far = upper ? octave - lower : lower - 1 - octave; /* octaves from the middle */
     int last = far == (upper ? p->octaves[1] : lower) - 1;
-    double reach = ldexp(0.5 * (p->hi - p->lo), -far), from = last ? 0.0 : 0.5 * reach, w = (reach - from) / p->each;
-    *begin = upper ? p->hi - reach + n * w : p->lo + from + n * w;
+    double whole = 1.0 / p->scale, reach = ldexp(0.5 * whole, -far), from = last ? 0.0 : 0.5 * reach, w = (reach - from) / p->each;
+    *begin = p->origin + (upper ? whole - reach + n * w : from + n * w);
     return w;
 }
 
@@ -62,12 +62,12 @@ static const double *uneven_row(const ts_piece *p, const double *table, double x
     int octave = 0;
     double begin;
     if (p->kind == TS_OPEN) {
-        double place = 1.0 + (x - p->lo) * p->scale;
+        double place = 1.0 + (x - p->origin) * p->scale;
         if (place >= 2.0) octave = ilogb(place) < TS_OCTAVES ? ilogb(place) : TS_OCTAVES - 1;
     } else {
-        double half = 0.5 * (p->hi - p->lo);
-        int upper = x - p->lo > half, count = p->octaves[upper];
-        double part = (upper ? p->hi - x : x - p->lo) / half; /* 1 in the middle */
+        double place = 2.0 * (x - p->origin) * p->scale;
+        int upper = place > 1.0, count = p->octaves[upper];
+        double part = upper ? 2.0 - place : place; /* 1 in the middle */
         int far = part >= 1.0 ? 0 : part > 0.0 && -1 - ilogb(part) < count ? -1 - ilogb(part) : count - 1;
         octave = upper ? p->octaves[0] + far : p->octaves[0] - 1 - far;
     }

@@ -19,7 +19,7 @@
 #define SAME 1e-12        /* forces that are equal, of the largest */
 #define NARROW 1e-8       /* branches that are none, of the length */
 #define NEAR 1e-9         /* elongations that are equal, of the length */
-#define PUSH 1e-4         /* first displacement from an unstable point, of a stretch */
+#define PUSH 1e-3         /* first displacement from an unstable point, of a stretch */
 #define BIAS 1e-11        /* force that breaks ties, of the largest */
 #define FLOW_ERROR 1e-7   /* of a step of the flow, of the length */
 #define FLOW_STEPS 200000
@@ -489,9 +489,9 @@ static int32_t land(graph *g, double x, int way)
     return -1;
 }
 
-/* Others than part j come to equilibrium with it held at g->v[j], on their stretches `at`; falling ones and those at their stops
- * stay.  Returns T. */
-static double hold(graph *g, double x, const int32_t *at, int j)
+/* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at their
+ * stops stay.  Returns T. */
+static double hold(graph *g, double x, const int32_t *at, int j, int k)
 {
     double low = 0.0, high = g->k * x;
     for (int n = 0; n < 100 && high > low; n++) {
@@ -499,7 +499,8 @@ static double hold(graph *g, double x, const int32_t *at, int j)
         if (!(T > low && T < high)) break;
         for (int i = 0; i < g->n; i++) {
             const ts_law *part = g->part + i;
-            g->v[i] = i == j ? g->v[i] : at[i] < part->n && part->s[at[i]].way > 0 ? ts_law_inverse(part, at[i], T, g->v[i]) : g->u[i];
+            if (i != j && i != k)
+                g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? ts_law_inverse(part, at[i], T, g->v[i]) : g->u[i];
             sum += g->v[i];
         }
         if (sum > x) high = T; else low = T;
@@ -507,16 +508,34 @@ static double hold(graph *g, double x, const int32_t *at, int j)
     return low;
 }
 
-/* The state g->u at x gives way: part j is pushed (1: on, -1: back).  The branch where that ends. */
-static int32_t snap(graph *g, double x, const int32_t *at, int j, int way)
+/* Displace part j from g->u. */
+static void push(graph *g, int j, double distance)
+{
+    g->v[j] = fmin(fmax(g->u[j] + distance, 0.0), ts_law_stop(g->part + j));
+}
+
+/* What drives part j on in g->v if the tension is T, N. */
+static double drive(const graph *g, int j, double T)
+{
+    double slope;
+    return T - ts_law_force(g->part + j, ts_law_at(g->part + j, g->v[j]), g->v[j], &slope);
+}
+
+/* The state g->u at x gives way: part j is pushed (1: on, -1: back), another one, where it falls too, the other way (-1: none).  The
+ * branch where that ends. */
+static int32_t snap(graph *g, double x, const int32_t *at, int j, int other, int way)
 {
     const ts_law *part = g->part + j;
-    double slope, stop = ts_law_stop(part), push = PUSH * fmin(g->length, stop);
+    int on = ts_law_at(part, g->u[j]);
+    double distance = PUSH * g->length;
+    for (int i = on > 0 ? on - 1 : 0; i < part->n && i <= on + 1; i++) /* little enough for the shortest stretch beside it */
+        distance = fmin(distance, PUSH * (part->s[i].p.hi - part->s[i].p.lo));
     memcpy(g->v, g->u, sizeof(double) * (size_t)g->n);
-    for (int n = 0;; n++, push *= 2.0) {
-        g->v[j] = fmin(fmax(g->u[j] + way * push, 0.0), stop);
-        double T = hold(g, x, at, j);
-        if (way * (T - ts_law_force(part, ts_law_at(part, g->v[j]), g->v[j], &slope)) > 0.0) break;
+    for (int n = 0;; n++, distance *= 2.0) {
+        push(g, j, way * distance);
+        if (other >= 0) push(g, other, -way * distance);
+        double T = hold(g, x, at, j, other);
+        if (way * (drive(g, j, T) - (other >= 0 ? drive(g, other, T) : 0.0)) > 0.0) break;
         if (n < 12) continue;
         g->reason = "a hysteretic string has no stable state next to one of its ends";
         return -1;
@@ -550,13 +569,15 @@ static int32_t beyond_bound(graph *g, const branch *b, double x, double T, int w
 {
     const state *s = g->states + b->state;
     int32_t *at = g->next + 2 * g->n, found = -1;
-    int first = -1, entering = -1, others = s->leader >= 0 && falls(g, s->at, s->leader);
+    int first = -1, entering = -1, leader = s->leader, others = leader >= 0 && falls(g, s->at, leader);
     memcpy(at, s->at, sizeof *at * (size_t)g->n); /* the list of states may move */
+    int32_t on_lead = others ? moved(g, s, leader, T, way) : 0;
+    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].s[on_lead].way > 0); /* so does the force: others stay */
     for (int j = 0; j < g->n; j++) {
-        g->next[j] = moved(g, s, j, T, way);
+        g->next[j] = turns && j != leader ? at[j] : moved(g, s, j, T, way);
         if (g->next[j] == at[j]) continue;
         if (first < 0) first = j;
-        if (others && j == s->leader) others = 0;
+        if (j == leader) others = 0;
         if (!falls(g, g->next, j)) continue;
         if (entering < 0) entering = j;
         else g->next[j] = at[j]; /* the lowest index first */
@@ -565,11 +586,12 @@ static int32_t beyond_bound(graph *g, const branch *b, double x, double T, int w
         g->reason = "a branch of a hysteretic string ends for no reason";
         return -1;
     }
-    int leader = s->leader, pushed = entering >= 0 ? entering : others ? leader : first;
+    int pushed = entering >= 0 ? entering : others ? leader : first;
     int on = entering < 0 && others ? way : g->next[pushed] > at[pushed] ? 1 : -1;
     memcpy(at, g->next, sizeof *at * (size_t)g->n);
-    if (!(others && entering >= 0)) found = find_branch(g, at, x, g->u, way);
-    return found >= 0 || g->reason ? found : snap(g, x, at, pushed, on);
+    if (others && entering >= 0) return snap(g, x, at, pushed, leader, on); /* two falling ones are never stable */
+    found = find_branch(g, at, x, g->u, way);
+    return found >= 0 || g->reason ? found : snap(g, x, at, pushed, -1, on);
 }
 
 /* The taut branch that a slack one leads to. */
@@ -607,7 +629,7 @@ static int32_t follow(graph *g, int32_t i, int way, double *loss)
     } else if (b.cause[side] == FOLD) {
         int32_t *at = g->next + 2 * g->n;
         memcpy(at, g->states[b.state].at, sizeof *at * (size_t)g->n); /* the list of states may move */
-        found = snap(g, x, at, g->states[b.state].leader, way);
+        found = snap(g, x, at, g->states[b.state].leader, -1, way);
     } else {
         found = beyond_bound(g, &b, x, b.T[side], way);
     }

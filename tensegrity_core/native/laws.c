@@ -11,6 +11,7 @@
 #define WIDE 1024.0 /* m, subinterval of exact stretches without end: a power of two changes no digits */
 #define MOST_OCTAVES 40
 #define MOST_EACH 64
+#define SAME 1e-6 /* of an interval: places that are one */
 #define SAMPLES 64  /* of the slope of a fitted sum, to find its extrema */
 
 enum { SPRING, BEAM, POLYNOMIAL, TABLE, PARALLEL, SERIES, KINDS }; /* as in model.py */
@@ -114,13 +115,24 @@ static double limit(const double *c)
     return c[0];
 }
 
-/* Append sum c_k (u - lo)^k on [lo, hi], cut at its extrema.  smooth: of the first stretch. */
-static void append_cut(ts_law *law, double lo, double hi, const double *c, int snapped, int smooth)
+/* Extrema that are none: a polynomial whose slope vanishes at its end may find it again beside it. */
+static int drop_ends(double *turns, int n, double width)
+{
+    int kept = 0;
+    for (int i = 0; i < n; i++)
+        if (turns[i] > SAME * width && turns[i] < (1.0 - SAME) * width) turns[kept++] = turns[i];
+    return kept;
+}
+
+/* Append sum c_k (u - lo)^k on [lo, hi], cut at its extrema.  start: the force at lo; smooth: of the first stretch. */
+static void append_cut(ts_law *law, double lo, double hi, const double *c, double start, int snapped, int smooth)
 {
     double slope[TS_DEGREE + 1], turns[TS_DEGREE + 2], here[TS_DEGREE + 1], next[TS_DEGREE + 1], at = 0.0;
     derive(c, slope);
     int n = sign_changes(slope, 0.0, hi < INFINITY ? hi - lo : last_zero(c), turns);
+    if (hi < INFINITY) n = drop_ends(turns, n, hi - lo);
     memcpy(here, c, sizeof here);
+    here[0] = start;
     turns[n] = hi - lo;
     for (int i = 0; i <= n; i++) {
         double middle = i < n || hi < INFINITY ? 0.5 * (at + turns[i]) : 2.0 * at + 1.0;
@@ -152,7 +164,7 @@ static void compile_polynomial(ts_law *law, const double *coefficients, int coun
 {
     double c[TS_DEGREE + 1] = {0.0};
     memcpy(c + 1, coefficients, sizeof(double) * (size_t)count);
-    append_cut(law, 0.0, INFINITY, c, 0, 0);
+    append_cut(law, 0.0, INFINITY, c, 0.0, 0, 0);
 }
 
 /* Slope at an end (Moler's formula as in SciPy's PchipInterpolator). */
@@ -237,7 +249,7 @@ double ts_law_inverse(const ts_law *law, int stretch, double f, double guess)
     const ts_stretch *s = law->s + stretch;
     double a = s->p.lo, b = s->p.hi, way = s->way, slope;
     if (way * (f - s->force[0]) <= 0.0) return a; /* extrema are met exactly */
-    if (way * (f - s->force[1]) >= 0.0) return b;
+    if (f == s->force[1] || way * (f - s->force[1]) >= 0.0) return b;
     if (!(b < INFINITY)) {
         double w = 1.0 / s->p.scale;
         if (s->p.kind == TS_ROWS) w = 1e-3;
@@ -327,6 +339,8 @@ static int octaves(ts_piece *p, int upper, double (*force)(void *, double), void
 static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
 {
     double begin;
+    p->origin = p->lo;
+    p->scale = 1.0 / (p->hi - p->lo);
     for (p->each = 1; p->each <= MOST_EACH; p->each *= 2) {
         p->octaves[0] = octaves(p, 0, force, at, error);
         if (!p->octaves[0]) continue;
@@ -339,7 +353,6 @@ static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double
     if (!more) return "out of memory";
     *table = more;
     p->first = *rows;
-    p->scale = 1.0;
     *rows += p->rows;
     for (int i = 0; i < p->rows; i++) {
         double w = ts_row_width(p, i, &begin);
@@ -359,6 +372,7 @@ const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*for
                         double size)
 {
     p->kind = TS_OPEN;
+    p->origin = p->lo;
     p->first = *rows;
     p->scale = 1.0 / w;
     for (p->each = 1;; p->each *= 2) {
@@ -396,8 +410,14 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
             a = b;
             continue;
         }
+        if (to - from <= SAME * (hi - lo) || (to < hi && hi - to <= SAME * (hi - lo))) { /* an extremum at an end is none */
+            before = slope;
+            a = lo + (hi - lo) * i / SAMPLES;
+            if (i < SAMPLES) continue;
+            to = hi;
+        }
         for (int rest = 0; rest < 2; rest++) { /* up to an extremum, and on to the end where it lies in the last interval */
-            double d, ends[2] = {sum_of(s, from, &d), sum_of(s, to, &d)};
+            double d, ends[2] = {law->n ? law->s[law->n - 1].force[1] : 0.0, sum_of(s, to, &d)};
             ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
             const char *reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
             if (reason) law->reason = reason;
@@ -414,7 +434,8 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
 /* Append the sum from lo on, monotone and without end. */
 static void append_open_sum(ts_law *law, sum *s, double lo, int snapped, double size)
 {
-    double slope, force = sum_of(s, lo, &slope), beyond;
+    double slope, force = law->n ? law->s[law->n - 1].force[1] : 0.0, beyond;
+    sum_of(s, lo, &slope);
     ts_piece p = {.snapped = snapped, .lo = lo, .hi = INFINITY};
     sum_of(s, 2.0 * lo + 1e-3, &beyond);
     if (slope * beyond < 0.0) law->reason = "parts in parallel have an extremum where one of them is a series without end";
@@ -440,7 +461,7 @@ static void append_exact_sum(ts_law *law, const sum *s, double lo, double hi, in
         shift(c, lo - p->lo, here);
         for (int k = 0; k <= TS_DEGREE; k++) total[k] += here[k];
     }
-    append_cut(law, lo, hi, total, snapped, smooth);
+    append_cut(law, lo, hi, total, law->n ? law->s[law->n - 1].force[1] : 0.0, snapped, smooth);
 }
 
 /* Parts in parallel: on the united stretches, up to the first stop. */
