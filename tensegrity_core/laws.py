@@ -3,8 +3,9 @@
 A law is a chain of smooth pieces: piece 0 is slack (x <= 0), piece p of 1..P has breakpoints[p-1] < x <= breakpoints[p]; a law
 that ends at a stop has a piece P+1 in which the string's own stiffness k takes over, continuous in force.
 
-* Spring, Polynomial, Table: as `elements` says; a piece of a polynomial ends where the force turns, of a table at its points.
-* Beam: three pieces, rising, falling and rising (one, if zeta <= 2), then a stop.
+* Spring, Polynomial, Table: as `elements` says; a piece of a polynomial ends where the force falls for the first time, of a
+  table at its points, but for the last point of a linear one.
+* Beam: two pieces, one up to the force maximum (one at all, if zeta <= 2), then a stop.
 * Parallel: forces add up; a stop of one part stops all.
 * Series: Algorithm 1 of the article for parts of any kind.  All parts bear one force on rising stretches; the one whose stretch
   ends lowest (ties: lowest index) snaps along its own curve until it bears that force again, the others held.
@@ -33,13 +34,14 @@ ROUND_OFF = 1e-12
 class Law:
     """The law of an element.  Make one with `law`.
 
-    pieces: smooth, in order; stretches: the same cut where the force turns; breakpoints: (P+1,) m, ends of the pieces;
+    pieces: smooth, in order, each as far as one curve and one number of snapped parts go; stretches: cut where the force turns;
+    breakpoints: (P+1,) m, ends of the pieces;
     end: elongation at which a stop ends it, m, or inf; end_force: N there.
     """
 
     def __init__(self, pieces: list[Stretch], stretches: list[Stretch]):
-        self.pieces, self.stretches = tuple(pieces), tuple(stretches)
-        self.breakpoints = (0.0, *(piece.end for piece in pieces if piece.end < math.inf))
+        self.pieces, self.stretches = _merged(pieces), tuple(stretches)
+        self.breakpoints = (0.0, *(piece.end for piece in self.pieces if piece.end < math.inf))
         self.end, self.end_force = pieces[-1].end, pieces[-1].last
 
     def piece_of(self, x: float) -> int:
@@ -100,6 +102,17 @@ class Law:
         if number > len(self.pieces):
             return self.end_force + k * (x - self.end), k, 0.0
         return self.pieces[number - 1].curve.value(x)
+
+
+def _merged(pieces: list[Stretch]) -> tuple[Stretch, ...]:
+    """Pieces of one curve as one piece."""
+    found: list[Stretch] = []
+    for one in pieces:
+        if found and one.joined and one.snapped == found[-1].snapped:
+            before = found.pop()
+            one = Stretch(one.curve, before.start, one.end, before.first, one.last, one.snapped, before.joined)
+        found.append(one)
+    return tuple(found)
 
 
 @lru_cache(maxsize=256)
@@ -209,8 +222,10 @@ def _table_curves(table: Table) -> list[tuple[PolynomialCurve, float, float]]:
         curve = PolynomialCurve(a, (value, *row[1:].tolist()), base)
         found.append((curve, a, b))
         base = curve.energy(b)
-    last = PolynomialCurve(x[-1], (f[-1], found[-1][0].value(x[-1])[1]), base)
-    return [*found, (last, x[-1], math.inf)]
+    curve, a, b = found[-1]
+    if len(rows[0]) == 2 or len(x) == 2:    # straight already
+        return [*found[:-1], (curve, a, math.inf)]
+    return [*found, (PolynomialCurve(b, (f[-1], curve.value(b)[1]), base), b, math.inf)]
 
 
 def _parallel(element: Parallel) -> Law:

@@ -552,6 +552,12 @@ static void compile_parts(ts_law *law, program *p, int kind, int depth)
     free_parts(part, n);
 }
 
+/* A polynomial or table counts as snapped from its first falling stretch on. */
+static void count_snaps(ts_law *law)
+{
+    for (int i = 0, falls = 0; i < law->n; i++) law->s[i].p.snapped = falls |= law->s[i].way < 0;
+}
+
 static void compile(ts_law *law, program *p, int depth)
 {
     int kind = depth < 64 ? next_int(p, 0, KINDS - 1) : -1, count, cubic;
@@ -579,6 +585,7 @@ static void compile(ts_law *law, program *p, int depth)
         break;
     }
     if (!v && !law->reason) law->reason = "a force law is damaged";
+    if (kind == POLYNOMIAL || kind == TABLE) count_snaps(law);
     double energy = 0.0;
     for (int i = 0; i < law->n && !law->reason; i++) {
         const ts_piece *piece = &law->s[i].p;
