@@ -151,6 +151,8 @@ SECTIONS = {
     "`[strings]`": "String",
     "`[materials.NAME]`": "Material",
     "`[nsh.NAME]`": "Honeycomb",
+    "`[elements.NAME]`": "Element",
+    "`[dampers.NAME]`": "Damper",
     "`[prestress]`": "Prestress",
 }
 
