@@ -274,7 +274,7 @@ class _Snaps:
         return self.parts[i].stretches[self.at[i]]
 
     def _moves_on(self, i: int) -> bool:
-        """Part i, at the end of its stretch, goes on to the next one or to its stop, unless it has to snap: whether that is so."""
+        """Part i, at the end of its stretch, goes on to the next one or to its stop unless it has to snap; whether it has."""
         stretches, after = self.parts[i].stretches, self.at[i] + 1
         if after < len(stretches) and stretches[after].sign <= 0:
             return True
@@ -302,7 +302,7 @@ class _Snaps:
         last = next((n for n in range(first, len(part.stretches))
                      if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force), None)
         if last is None:
-            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so no single "
+            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
                              "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far")
         way = []
         for n in range(first, last + 1):

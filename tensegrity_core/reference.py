@@ -40,7 +40,7 @@ from .equations import (
     structure,
 )
 from .errors import InputError, SimulationError
-from .hysteresis import follow
+from .hysteresis import NoStableState, follow
 from .inputs import Inputs
 from .model import Model
 from .result import Result, Transition
@@ -358,8 +358,16 @@ class _Run:
         branches, losses = dict(mode.branches), {}
         for j, branch in mode.branches.items():
             if change[0, j] or change[1, j]:
-                branches[j], losses[j] = branch.above() if change[1, j] else branch.below()
+                branches[j], losses[j] = self._snapping(t, branch.above if change[1, j] else branch.below)
         return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0), branches), losses
+
+    @staticmethod
+    def _snapping(t: float, change, *arguments):
+        """change(*arguments), a change of branch; without a stable state after it the run ends."""
+        try:
+            return change(*arguments)
+        except NoStableState as failure:
+            raise SimulationError("snapping", str(failure), float(t)) from failure
 
     def _followed(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
         """The mode once every string with memory has followed to its elongation, and what snaps on the way lose, J.
@@ -368,7 +376,7 @@ class _Run:
         """
         stretch, branches, losses = self.strings(t, y, mode).stretch, {}, {}
         for j, branch in mode.branches.items():
-            branches[j], events = follow(branch, stretch.item(j))
+            branches[j], events = self._snapping(t, follow, branch, stretch.item(j))
             losses[j] = sum(event.loss for event in events)
         mode = mode_of(self.s, mode.piece, mode.clipped, branches)
         rates = self.strings(t, y, mode).rate
@@ -379,11 +387,14 @@ class _Run:
             if abs(leads) < AT_REST:
                 leads = self.stretch_acceleration(t, y, mode).item(j)
             if leads > 0.0 and x >= mode.upper[j] - TOGETHER[0]:
-                branches[j], loss = branches[j].above()
-            elif x <= mode.lower[j] + TOGETHER[0] and (leads < 0.0 or not branches[j].below()[0].taut):
-                branches[j], loss = branches[j].below()
+                after, loss = self._snapping(t, branches[j].above)
+            elif x <= mode.lower[j] + TOGETHER[0]:
+                after, loss = self._snapping(t, branches[j].below)
+                if leads >= 0.0 and after.taut:
+                    continue
             else:
                 continue
+            branches[j] = after
             losses[j] += loss
         return mode_of(self.s, mode.piece, mode.clipped, branches), losses
 

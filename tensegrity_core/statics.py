@@ -724,10 +724,10 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     settled = replace(model, nodes=nodes, rest_length=goal)
     anew = string_branches(settled, _lengths(nodes, model.strings))
     for i, branch in branches.items():
-        if anew[i] is not branch:
+        if anew[i] != branch:
             name, count = model.string_names[i], anew[i].snapped
-            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it from slack "
-                                f"leaves {count} so, and a start has no other memory")
+            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it "
+                                f"from slack leaves {count} so, and a start has no other memory")
     return settled
 
 

@@ -122,7 +122,8 @@ def test_trees_are_continuous_and_consistent(tree):
         assert high > low
         here = made.force(high, K)
         assert made.force_on_piece(p, high, K) == pytest.approx(here, rel=1e-12, abs=1e-13)
-        assert made.force_on_piece(p + 1 if high in made.breakpoints else p, high, K) == pytest.approx(here, rel=1e-9, abs=1e-12)
+        beyond = p + 1 if high in made.breakpoints else p
+        assert made.force_on_piece(beyond, high, K) == pytest.approx(here, rel=1e-9, abs=1e-12)
         work += quad(lambda x: made.force(x, K), low, high, epsabs=1e-13, epsrel=1e-12)[0]
         assert made.energy(high, K) == pytest.approx(work, rel=1e-9, abs=1e-15)
         x, step = 0.4 * low + 0.6 * high, 1e-5 * (high - low)
