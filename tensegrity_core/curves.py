@@ -308,13 +308,19 @@ def rise(stretches: list[Stretch], low: float, high: float, held: float, base: f
     count = range(len(stretches))
     ahead = min(count, key=lambda i: stretches[i].last)
     behind = max(count, key=lambda i: stretches[i].first)
-    turns = stretches[behind].first >= low * (1.0 - TIE) and stretches[behind].curve.value(stretches[behind].start)[1] <= 0.0
+    turns = stretches[behind].first >= low * (1.0 - TIE) and _turns(stretches[behind])
     end = stretches[ahead].inverse(high) if high < math.inf else math.inf
     if not turns or behind == ahead:
         return [Chain(stretches, ahead, stretches[ahead].inverse(low), end, held, base)]
     middle = 0.5 * (low + high) if high < math.inf else 2.0 * low if low > 0.0 else 1.0
     first = Chain(stretches, behind, stretches[behind].inverse(low), stretches[behind].inverse(middle), held, base)
     return [first, Chain(stretches, ahead, stretches[ahead].inverse(middle), end, held, base)]
+
+
+def _turns(one: Stretch) -> bool:
+    """Whether a rising stretch starts without a slope."""
+    width = one.end - one.start if one.end < math.inf else max(one.start, 1e-3)
+    return one.curve.value(one.start)[1] < 0.1 * one.curve.value(one.start + 1e-3 * width)[1]
 
 
 class RiseCurve:

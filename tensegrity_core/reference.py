@@ -1,9 +1,13 @@
 """The reference: the article's matrix equations (`equations`), integrated by SciPy with tight tolerances.
 
 Between transitions the right-hand side is smooth: each string holds a *piece* of its force curve (0 slack; 1 taut, or
-the pieces of an NSH) and, under the law 'tension_only', whether its tension is *clipped* at zero.  Where a string
-reaches an end of its piece the step is repeated so that it ends there, the piece changes, and the integration restarts.
-The instant is found on SciPy's dense output and then corrected by Newton steps until the gap is at round-off.
+the pieces of an NSH or another element), with memory a *branch*, and, under the law 'tension_only', whether its tension
+is *clipped* at zero.  Where a string reaches an end of its piece the step is repeated so that it ends there, the piece
+changes, and the integration restarts.  The instant is found on SciPy's dense output and then corrected by Newton steps
+until the gap is at round-off.  What a snap of a string with memory loses counts as dissipated at that instant.
+
+Two things are left to the solver's error control: the kinks of a damper given by points, and the square root in which a
+branch's force ends at a fold.
 
 Bar lengths.  l_i = |b_i| of the current state stands in lambda, so that a deviation grows linearly only (with the
 nominal lengths it grows exponentially).  On top, `on_constraints` puts N and Ndot back on |b_i| = l_i, b_i . bdot_i = 0
