@@ -171,7 +171,8 @@ def turning_points(curve, start: float, end: float) -> list[float]:
     if local is None:
         grid = np.linspace(start, end, 65)
         slopes = [curve.value(u)[1] for u in grid]
-        return [_zero(lambda u: curve.value(u)[1], a, b) for a, b, p, q in zip(grid, grid[1:], slopes, slopes[1:]) if p * q < 0.0]
+        turns = [i for i in range(64) if slopes[i] * slopes[i + 1] < 0.0]
+        return [_zero(lambda u: curve.value(u)[1], grid[i], grid[i + 1]) for i in turns]
     derivative = np.trim_zeros(polynomial.polyder(local), "b")
     roots = polynomial.polyroots(derivative) if len(derivative) > 1 else np.array([])
     near = np.abs(roots.imag) <= 1e-7 * np.abs(roots)
@@ -247,7 +248,7 @@ class Chain:
             if slope_i > 0.0:
                 found[i] = slope / slope_i
             elif slope == 0.0:
-                found[i] = math.copysign(math.sqrt(abs(curvature / curvature_i)), curvature * curvature_i) if curvature_i else 0.0
+                found[i] = math.copysign(abs(curvature / curvature_i) ** 0.5, curvature * curvature_i) if curvature_i else 0.0
             else:
                 found[i] = math.copysign(math.inf, slope)
         return found
@@ -284,7 +285,7 @@ class Chain:
         return p
 
     def value(self, p: float) -> tuple[float, float, float]:
-        """Force and its first two derivatives by x.  With w_i = du_i/dx: f' = w f' of the leading stretch, f'' = sum w_i^3 f''_i."""
+        """Force and its first two derivatives by x: w f' of the leading stretch and sum w_i^3 f''_i, w_i = du_i/dx."""
         u = self.displacements(p)
         force, slope, _ = self._curve.value(p)
         ratios = self.ratios(u)
@@ -307,13 +308,19 @@ def rise(stretches: list[Stretch], low: float, high: float, held: float, base: f
     count = range(len(stretches))
     ahead = min(count, key=lambda i: stretches[i].last)
     behind = max(count, key=lambda i: stretches[i].first)
-    turns = stretches[behind].first >= low * (1.0 - TIE) and stretches[behind].curve.value(stretches[behind].start)[1] <= 0.0
+    turns = stretches[behind].first >= low * (1.0 - TIE) and _turns(stretches[behind])
     end = stretches[ahead].inverse(high) if high < math.inf else math.inf
     if not turns or behind == ahead:
         return [Chain(stretches, ahead, stretches[ahead].inverse(low), end, held, base)]
     middle = 0.5 * (low + high) if high < math.inf else 2.0 * low if low > 0.0 else 1.0
     first = Chain(stretches, behind, stretches[behind].inverse(low), stretches[behind].inverse(middle), held, base)
     return [first, Chain(stretches, ahead, stretches[ahead].inverse(middle), end, held, base)]
+
+
+def _turns(one: Stretch) -> bool:
+    """Whether a rising stretch starts without a slope."""
+    width = one.end - one.start if one.end < math.inf else max(one.start, 1e-3)
+    return one.curve.value(one.start)[1] < 0.1 * one.curve.value(one.start + 1e-3 * width)[1]
 
 
 class RiseCurve:

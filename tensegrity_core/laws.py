@@ -289,9 +289,12 @@ class _Snaps:
         return self.parts[i].stretches[self.at[i]]
 
     def _moves_on(self, i: int) -> bool:
-        """Part i goes on to its next stretch, or to its stop; whether it has to snap there."""
-        self.at[i] += 1
-        return self.at[i] < len(self.parts[i].stretches) and self._stretch(i).sign <= 0
+        """Part i, at the end of its stretch, goes on to the next one or to its stop unless it has to snap; whether it has."""
+        stretches, after = self.parts[i].stretches, self.at[i] + 1
+        if after < len(stretches) and stretches[after].sign <= 0:
+            return True
+        self.at[i] = after
+        return False
 
     def _rise(self, moving: list[int], force: float) -> None:
         held = [i for i in range(len(self.parts)) if i not in moving]
@@ -307,14 +310,14 @@ class _Snaps:
 
     def _snap(self, i: int) -> None:
         """Part i goes along its own curve until it bears the force again on a rising stretch."""
-        part, first = self.parts[i], self.at[i]
+        part, first = self.parts[i], self.at[i] + (self._stretch(i).sign > 0)
         others = [j for j in range(len(self.parts)) if j != i]
         held, base = math.fsum(self.u[j] for j in others), math.fsum(self._energy(j) for j in others)
         counted = sum(self._snapped(j) for j in others)
         last = next((n for n in range(first, len(part.stretches))
                      if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force), None)
         if last is None:
-            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so no single "
+            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
                              "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far")
         way = []
         for n in range(first, last + 1):
@@ -359,7 +362,7 @@ class Damping:
     def __init__(self, curves: list[tuple[PolynomialCurve, float, float]], smooth: bool):
         self._curves = [curve for curve, _, _ in curves]
         self._ends = [end for _, _, end in curves[:-1]]
-        self.kinks = () if smooth else tuple(self._ends)
+        self.kinks = () if smooth else tuple(self._ends[:-1])    # beyond the last point the slope stays
 
     def force(self, rate: float) -> float:
         """N at a rate (m/s)."""
