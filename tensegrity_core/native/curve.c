@@ -209,35 +209,6 @@ double ts_piece_integrate(const ts_piece *p, double *table, double energy)
     return start + whole;
 }
 
-/* Coefficients in t = 0..1 of the polynomial through the Chebyshev points of [a, a + w] (Newton's divided differences). */
-static void fit_row(double (*force)(void *, double), void *law, double a, double w, double *coef)
-{
-    static const double t[TS_DEGREE + 1] = { /* (1 - cos((2 i + 1) pi/16))/2; written out: libraries differ in cos */
-        0.009607359798384785, 0.08426519384872738, 0.22221488349019886, 0.40245483899193585,
-        0.5975451610080641, 0.777785116509801, 0.9157348061512727, 0.9903926402016152};
-    double d[TS_DEGREE + 1];
-    for (int i = 0; i <= TS_DEGREE; i++) d[i] = force(law, a + w * t[i]);
-    for (int k = 1; k <= TS_DEGREE; k++)
-        for (int i = TS_DEGREE; i >= k; i--) d[i] = (d[i] - d[i - 1]) / (t[i] - t[i - k]);
-    for (int i = 0; i <= TS_DEGREE; i++) coef[i] = 0.0;
-    for (int k = TS_DEGREE; k >= 0; k--) { /* Horner on the Newton form */
-        for (int i = TS_DEGREE; i >= 1; i--) coef[i] = coef[i - 1] - t[k] * coef[i];
-        coef[0] = d[k] - t[k] * coef[0];
-    }
-}
-
-/* Fit one row over [a, a + w]; its largest error at the ends and between, N. */
-double ts_fit_row(double (*force)(void *, double), void *law, double a, double w, double *row)
-{
-    double worst = 0.0;
-    fit_row(force, law, a, w, row + 1);
-    for (int k = 0; k <= 4; k++) {
-        double t = 0.25 * k, error = fabs(ts_polynomial(row + 1, t) - force(law, a + t * w));
-        if (error > worst) worst = error;
-    }
-    return worst;
-}
-
 void ts_curve_free(ts_curve *c)
 {
     free(c->table);

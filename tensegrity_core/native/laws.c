@@ -9,8 +9,6 @@
 #include <string.h>
 
 #define WIDE 1024.0 /* m, subinterval of exact stretches without end: a power of two changes no digits */
-#define MOST_OCTAVES 40
-#define MOST_EACH 64
 #define SAME 1e-6 /* of an interval: places that are one */
 #define SAMPLES 64  /* of the slope of a fitted sum, to find its extrema */
 
@@ -291,105 +289,6 @@ static double sum_force(void *at, double u)
 {
     double slope;
     return sum_of(at, u, &slope);
-}
-
-/* As many equal rows in s as a piece with a fold takes. */
-static const char *fit_fold(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
-{
-    double last = INFINITY, range = sqrt(p->hi - p->lo);
-    for (p->rows = 1;; p->rows *= 2) {
-        double worst = 0.0, w = range / p->rows;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, more + TS_ROW * (*rows + i)));
-        if (worst <= error || p->rows >= TS_MAX_ROWS || (worst <= 50.0 * error && worst > 0.25 * last)) { /* no more digits there */
-            p->first = *rows;
-            p->scale = p->rows / range;
-            *rows += p->rows;
-            return NULL;
-        }
-        last = worst;
-    }
-}
-
-/* How many octaves from one end of a graded piece it takes with `each` rows in an octave; 0: more rows are needed. */
-static int octaves(ts_piece *p, int upper, double (*force)(void *, double), void *at, double error)
-{
-    double row[TS_ROW], begin;
-    for (int count = 1; count <= MOST_OCTAVES; count++) {
-        int fits = 1;
-        p->octaves[upper] = count + 1;
-        for (int i = 0; i < p->each && count > 1 && fits; i++) { /* the last but one is complete now */
-            int octave = upper ? p->octaves[0] + count - 2 : 2;
-            double w = ts_row_width(p, octave * p->each + i, &begin);
-            fits = ts_fit_row(force, at, begin, w, row) <= error;
-        }
-        if (!fits) return 0;
-        p->octaves[upper] = count;
-        for (int i = 0; i < p->each && fits; i++) {
-            double w = ts_row_width(p, (upper ? p->octaves[0] + count - 1 : 0) * p->each + i, &begin);
-            fits = ts_fit_row(force, at, begin, w, row) <= error;
-        }
-        if (fits) return count;
-    }
-    return MOST_OCTAVES;
-}
-
-static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
-{
-    double begin;
-    p->origin = p->lo;
-    p->scale = 1.0 / (p->hi - p->lo);
-    for (p->each = 1; p->each <= MOST_EACH; p->each *= 2) {
-        p->octaves[0] = octaves(p, 0, force, at, error);
-        if (!p->octaves[0]) continue;
-        p->octaves[1] = octaves(p, 1, force, at, error);
-        if (p->octaves[1]) break;
-    }
-    if (p->each > MOST_EACH) p->each = MOST_EACH, p->octaves[0] = p->octaves[1] = 20; /* as good as it gets */
-    p->rows = p->each * (p->octaves[0] + p->octaves[1]);
-    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-    if (!more) return "out of memory";
-    *table = more;
-    p->first = *rows;
-    *rows += p->rows;
-    for (int i = 0; i < p->rows; i++) {
-        double w = ts_row_width(p, i, &begin);
-        ts_fit_row(force, at, begin, w, more + TS_ROW * (p->first + i));
-    }
-    return NULL;
-}
-
-/* Fit rows to a piece whose kind, graded or with a fold, and ends are set. */
-const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
-{
-    return (p->kind == TS_GRADED ? fit_graded : fit_fold)(p, table, rows, force, at, error);
-}
-
-/* Rows of a piece without end: octaves of 1 + (x - lo)/w, fitted relative to the force in each row or `size`, N. */
-const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double w,
-                        double size)
-{
-    p->kind = TS_OPEN;
-    p->origin = p->lo;
-    p->first = *rows;
-    p->scale = 1.0 / w;
-    for (p->each = 1;; p->each *= 2) {
-        double worst = 0.0, begin;
-        p->rows = p->each * TS_OCTAVES;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) {
-            double width = ts_row_width(p, i, &begin), *row = more + TS_ROW * (*rows + i);
-            double error = ts_fit_row(force, at, begin, width, row);
-            worst = fmax(worst, error / fmax(size, ts_polynomial(row + 1, 1.0)));
-        }
-        if (worst > TS_FIT_ERROR && p->rows < TS_MAX_ROWS) continue;
-        *rows += p->rows;
-        return NULL;
-    }
 }
 
 /* Append the sum on [lo, hi], which no polynomial gives: fitted, cut where its slope changes its sign. */

@@ -117,23 +117,6 @@ static void append(ts_law *law, ts_piece p, double f0, double f1, int way, int s
     s[law->n++] = (ts_stretch){p, {f0, f1}, way, smooth};
 }
 
-/* A straight piece that begins with `force`; of one without end the subinterval is a power of two, which changes no digits. */
-const char *ts_fit_line(ts_piece *p, double **table, int32_t *rows, double force, double k)
-{
-    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)), w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
-    if (!more) return "out of memory";
-    *table = more;
-    memset(more + TS_ROW * *rows, 0, sizeof(double) * TS_ROW);
-    more[TS_ROW * *rows + 1] = force;
-    more[TS_ROW * *rows + 2] = k * w;
-    p->kind = TS_ROWS;
-    p->rows = 1;
-    p->first = (*rows)++;
-    p->origin = p->lo;
-    p->scale = 1.0 / w;
-    return NULL;
-}
-
 /* Compliance of a rise (m/N) where all its parts are straight, else 0. */
 double ts_rise_straight(const ts_rise *r)
 {
