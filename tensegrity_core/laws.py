@@ -362,7 +362,7 @@ class Damping:
     def __init__(self, curves: list[tuple[PolynomialCurve, float, float]], smooth: bool):
         self._curves = [curve for curve, _, _ in curves]
         self._ends = [end for _, _, end in curves[:-1]]
-        self.kinks = () if smooth else tuple(self._ends[:-1])    # beyond the last point the slope stays
+        self.kinks = () if smooth else tuple(end for end in self._ends if end < math.inf)
 
     def force(self, rate: float) -> float:
         """N at a rate (m/s)."""
