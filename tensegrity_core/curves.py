@@ -22,6 +22,8 @@ from . import nsh
 EPS = math.ulp(1.0)
 #: Forces that differ by less than this part count as equal: two parts that end together.
 TIE = 8.0 * EPS
+#: A Newton step shorter than this part is the last: the next one would be below round-off.
+LAST_STEP = 1e-12
 
 
 class BeamCurve(NamedTuple):
@@ -139,6 +141,9 @@ class Stretch:
             region = "I" if self.end <= self.curve.h else "III" if self.start >= self.curve.h else "II"
             u = self.curve.h * nsh._root(force / self.curve.Q, self.curve.zeta, region)
             return min(max(u, self.start), self.end)
+        if type(self.curve) is PolynomialCurve and len(self.curve.coefficients) == 2:
+            constant, slope = self.curve.coefficients
+            return min(max(self.curve.at + (force - constant) / slope, self.start), self.end)
         return _inverted(self.curve, force, sign, self.start, self.end)
 
 
@@ -153,14 +158,16 @@ def _inverted(curve, force: float, sign: int, low: float, high: float) -> float:
     for _ in range(200):
         value, slope, _ = curve.value(u)
         gap = value - force
-        if abs(gap) <= EPS * abs(force) or high - low <= EPS * high:
+        if abs(gap) <= 2.0 * EPS * abs(force) or high - low <= EPS * high:
             break
         if sign * gap > 0.0:
             high = u
         else:
             low = u
         newton = u - gap / slope if slope else math.inf
-        u = newton if low < newton < high else 0.5 * (low + high)
+        if abs(newton - u) <= LAST_STEP * abs(u):
+            return min(max(newton, low), high)
+        u = newton if low <= newton <= high else 0.5 * (low + high)
     return u
 
 
@@ -265,12 +272,12 @@ class Chain:
         if high < math.inf:
             part = (x - self.lower) / (self.upper - self.lower)
         else:
-            high = low + (x - self.lower)    # p grows no faster than the sum
+            high = (low + (x - self.lower)) * (1.0 + TIE)    # p grows no faster than the sum
         p = low + (high - low) * part
         for _ in range(200):
             u = self.displacements(p)
             gap = math.fsum((self.held, *u, -x))
-            if abs(gap) <= EPS * abs(x) or high - low <= EPS * abs(high):
+            if abs(gap) <= 2.0 * EPS * abs(x) or high - low <= EPS * abs(high):
                 break
             if gap > 0.0:
                 high = p
@@ -278,10 +285,9 @@ class Chain:
                 low = p
             growth = sum(self.ratios(u))
             newton = p - gap / growth if growth and math.isfinite(growth) else math.inf
-            if low < newton < high and abs(newton - p) <= EPS * abs(p):
-                p = newton
-                break
-            p = newton if low < newton < high else 0.5 * (low + high)
+            if abs(newton - p) <= LAST_STEP * abs(p):
+                return min(max(newton, self.start), self.end)
+            p = newton if low <= newton <= high else 0.5 * (low + high)
         return p
 
     def value(self, p: float) -> tuple[float, float, float]:
