@@ -1,5 +1,5 @@
-/* A snap of parts in series: c du_j/dt = T - f_j(u_j), T = k (x - sum u) or 0, with the string's elongation x held, stopped at 0 and
- * at the parts' stops.  Only where it ends matters. */
+/* A snap of parts in series: c du_j/dt = T - f_j(u_j), T = k (x - sum u) or 0, with the string's elongation x held, stopped
+ * at 0 and at the parts' stops.  Only where it ends matters. */
 #include "hysteresis.h"
 
 #include <math.h>
@@ -53,8 +53,8 @@ static void flow_solve(const ts_graph *g, const double *slope, double k, double 
 
 /* One step of the flow (Shampine, Reichelt, The MATLAB ODE suite, SIAM Journal on Scientific Computing 18, 1997,
  * doi:10.1137/S1064827594276424: ode23s), from rates f0; its end in `end`.  Returns the error, m. */
-static double flow_step(const ts_graph *g, double x, const double *u, double bias, const double *f0, const double *slope, double k,
-                        double h, double *end)
+static double flow_step(const ts_graph *g, double x, const double *u, double bias, const double *f0, const double *slope,
+                        double k, double h, double *end)
 {
     const double d = 0.2928932188134524, e32 = 7.414213562373095; /* 1/(2 + sqrt 2), 6 + sqrt 2 */
     int n = g->n;

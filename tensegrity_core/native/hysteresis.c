@@ -3,8 +3,8 @@
  * k the string's own stiffness, x its elongation.
  *
  * At the end of a branch (branches.c) the adjacent one, if it goes on in the direction of motion, joins; else the parts snap
- * (flow.c), ties to the lowest index, and what Pi loses is dissipated.  A slack string has T = 0.  All branches that can be reached
- * from the slack one are found by a search, breadth first. */
+ * (flow.c), ties to the lowest index, and what Pi loses is dissipated.  A slack string has T = 0.  All branches that can be
+ * reached from the slack one are found by a search, breadth first. */
 #include "hysteresis.h"
 
 #include <math.h>
@@ -49,7 +49,8 @@ static int32_t slack_branch(ts_graph *g, int way)
         return -1;
     }
     memcpy(own, g->v, sizeof *own * (size_t)g->n);
-    ts_branch b = {.state = -1, .kind = TS_SLACK, .cause = {TS_ENDLESS, TS_BOUND}, .x = {-INFINITY, ts_parts_total(g, own)}, .slack = own};
+    ts_branch b = {.state = -1, .kind = TS_SLACK, .cause = {TS_ENDLESS, TS_BOUND}, .x = {-INFINITY, 0.0}, .slack = own};
+    b.x[1] = ts_parts_total(g, own);
     int32_t index = ts_branch_add(g, b);
     if (index < 0) free(own);
     return index;
@@ -96,8 +97,8 @@ static int32_t land(ts_graph *g, double x, int way)
     return -1;
 }
 
-/* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at their
- * stops stay.  Returns T. */
+/* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at
+ * their stops stay.  Returns T. */
 static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
 {
     double low = 0.0, high = g->k * x;
@@ -128,8 +129,8 @@ static double drive(const ts_graph *g, int j, double T)
     return T - ts_law_force(g->part + j, ts_law_at(g->part + j, g->v[j]), g->v[j], &slope);
 }
 
-/* The state g->u at x gives way: part j is pushed (1: on, -1: back), another one, where it falls too, the other way (-1: none).  The
- * branch where that ends. */
+/* The state g->u at x gives way: part j is pushed (1: on, -1: back), another one, where it falls too, the other way (-1:
+ * none).  The branch where that ends. */
 static int32_t snap(ts_graph *g, double x, const int32_t *at, int j, int other, int way)
 {
     const ts_law *part = g->part + j;
@@ -179,7 +180,8 @@ static int32_t beyond_bound(ts_graph *g, const ts_branch *b, double x, double T,
     int first = -1, entering = -1, leader = s->leader, others = leader >= 0 && falls(g, s->at, leader);
     memcpy(at, s->at, sizeof *at * (size_t)g->n); /* the list of states may move */
     int32_t on_lead = others ? moved(g, s, leader, T, way) : 0;
-    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].s[on_lead].way > 0); /* so does the force: others stay */
+    /* where the leader comes to a rise, the force turns: the others stay */
+    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].s[on_lead].way > 0);
     for (int j = 0; j < g->n; j++) {
         g->next[j] = turns && j != leader ? at[j] : moved(g, s, j, T, way);
         if (g->next[j] == at[j]) continue;
@@ -271,7 +273,9 @@ static void make_piece(ts_graph *g, ts_piece *p, ts_branch *b)
     int side = b->state < 0;
     ts_branch_end(g, b, side);
     double force = b->T[side], start = ts_parts_energy(g, b->x[side], g->u);
-    *p = (ts_piece){.kind = b->kind, .snapped = snapped_on(g, b), .lo = b->x[0], .hi = b->x[1], .force = force, .energy = start};
+    *p = (ts_piece){.kind = b->kind, .snapped = snapped_on(g, b), .lo = b->x[0], .hi = b->x[1]};
+    p->force = force;
+    p->energy = start;
     if (b->kind == TS_SLACK || b->kind == TS_STRAIGHT) return;
     ts_rise r = ts_branch_rise(g, b);
     int fold = b->kind == TS_FOLD_ABOVE ? 1 : b->kind == TS_FOLD_BELOW ? -1 : 0;

@@ -90,7 +90,8 @@ int32_t ts_transition_stored(const ts_sim *sim)
 const ts_transition *ts_transitions(const ts_sim *sim) { return sim->transitions; }
 int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
 {
-    return sim->curves_ready && piece < sim->curve[string].pieces ? sim->curve[string].piece[piece].snapped : 0;
+    if (!sim->curves_ready || piece < 0 || piece >= sim->curve[string].pieces) return 0;
+    return sim->curve[string].piece[piece].snapped;
 }
 void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
 
@@ -188,7 +189,8 @@ int ts_initialize(ts_sim *sim, double time)
     memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
     memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
     ts_prepare(sim);
-    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]); /* strings with memory come from slack; what that cost is past */
+    /* strings with memory come from slack; what that dissipated was before the start */
+    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
@@ -530,5 +532,6 @@ int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out,
 
 int ts_slack(const ts_sim *sim, int32_t string, int32_t piece)
 {
-    return sim->curves_ready && piece < sim->curve[string].pieces ? sim->curve[string].piece[piece].kind == TS_SLACK : piece == 0;
+    if (!sim->curves_ready || piece < 0 || piece >= sim->curve[string].pieces) return piece == 0;
+    return sim->curve[string].piece[piece].kind == TS_SLACK;
 }
