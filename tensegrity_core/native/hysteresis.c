@@ -13,6 +13,7 @@
 
 #define SAME 1e-12 /* forces that are equal, of the largest */
 #define PUSH 1e-3  /* first displacement from an unstable point, of a stretch */
+#define DRIVE 1e-8 /* what must drive it on from there, of the largest force */
 
 /* --- snaps --------------------------------------------------------------------------------------------------------- */
 
@@ -97,6 +98,14 @@ static int32_t land(ts_graph *g, double x, int way)
     return -1;
 }
 
+/* Elongation where a part bears T on a rising stretch or on those that it joins. */
+static double risen(const ts_law *part, int on, double T, double guess)
+{
+    while (on > 0 && T < part->s[on].force[0] && part->s[on - 1].way > 0) on--;
+    while (on < part->n - 1 && T > part->s[on].force[1] && part->s[on + 1].way > 0) on++;
+    return ts_law_inverse(part, on, T, guess);
+}
+
 /* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at
  * their stops stay.  Returns T. */
 static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
@@ -108,7 +117,7 @@ static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
         for (int i = 0; i < g->n; i++) {
             const ts_law *part = g->part + i;
             if (i != j && i != k)
-                g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? ts_law_inverse(part, at[i], T, g->v[i]) : g->u[i];
+                g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? risen(part, at[i], T, g->v[i]) : g->u[i];
             sum += g->v[i];
         }
         if (sum > x) high = T; else low = T;
@@ -143,8 +152,8 @@ static int32_t snap(ts_graph *g, double x, const int32_t *at, int j, int other, 
         push(g, j, way * distance);
         if (other >= 0) push(g, other, -way * distance);
         double T = hold(g, x, at, j, other);
-        if (way * (drive(g, j, T) - (other >= 0 ? drive(g, other, T) : 0.0)) > 0.0) break;
-        if (n < 12) continue;
+        if (way * (drive(g, j, T) - (other >= 0 ? drive(g, other, T) : 0.0)) > DRIVE * g->size) break;
+        if (n < 16) continue;
         g->reason = "a hysteretic string has no stable state next to one of its ends";
         return -1;
     }

@@ -49,7 +49,7 @@ static void append_polynomial(ts_law *law, double lo, double hi, const double *c
     for (int k = 0; k <= TS_DEGREE; k++, power *= w) row[1 + k] = c[k] * power;
     ts_piece p = {.kind = TS_ROWS, .rows = 1, .first = law->rows++, .snapped = snapped, .lo = lo, .hi = hi, .origin = lo,
                   .scale = 1.0 / w};
-    append(law, (ts_stretch){p, {c[0], end_force}, way, smooth});
+    append(law, (ts_stretch){p, {c[0], way ? end_force : c[0]}, way, smooth});
 }
 
 static double value(const double *c, double y)

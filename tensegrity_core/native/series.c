@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define SAME 1e-12 /* forces that are equal, of the largest */
+
 /* Elongation where the leader stands at u, the force there and the elongation's derivative by u. */
 double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
 {
@@ -235,7 +237,8 @@ const char *ts_series(ts_law *law, const ts_law *part, int n)
         int leader = first_to_end(&c), next = -1;
         if (leader < 0) break;
         double top = part[leader].s[c.at[leader]].force[1];
-        if (top > c.force) rise_to(&c, leader, top);
+        if (top > c.force + SAME * c.size) rise_to(&c, leader, top);
+        else c.force = top;
         if (law->reason || !(top < INFINITY)) break;
         for (int j = 0; j < n; j++) {
             if (c.at[j] >= part[j].n || part[j].s[c.at[j]].force[1] > c.force) continue;
