@@ -20,8 +20,8 @@ METHODS = ("auto", "dop853", "rodas5p", "radau9", "rk4", "ros2")
 
 
 def mast(stiffness=5000.0, damping=20.0, law="literal", rest=1.4, **fields) -> Model:
-    """A planar bar of 1 m and 1 kg pinned at the origin, guyed by two strings (left, right) to anchors 1 m beside it; the left one
-    is a spring."""
+    """A planar bar of 1 m and 1 kg pinned at the origin, guyed by two strings (left, right) to anchors 1 m beside it; the left
+    one is a spring."""
     nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     both = {name: (None, fields.pop(name)) for name in ("nsh", "element", "damper") if name in fields}
     return Model(
@@ -53,6 +53,18 @@ def walk(kernel, elongations, string=1):
         force, _, energy = kernel.piece_law(string, at, x)
         forces.append(force), energies.append(energy), losses.append(lost)
     return np.array(forces), np.array(energies), np.array(losses), np.array(snaps)
+
+
+def walk_from(pieces, at, target):
+    """The first piece like `target` on the way up, else down, from piece `at`, and the losses (J) on that way."""
+    for up in (True, False):
+        lost, here = 0.0, at
+        while here >= 0 and pieces[here] is not target:
+            lost += pieces[here].loss_up if up else pieces[here].loss_down
+            here = pieces[here].up if up else pieces[here].down
+        if here >= 0:
+            return here, lost
+    raise AssertionError("no way leads there")
 
 
 # --- memory ----------------------------------------------------------------------------------------------------------
@@ -119,7 +131,7 @@ def test_a_fold_is_where_the_elongation_is_largest():
 
 
 class Relaxation:
-    """The parts of a string with memory, relaxed by their overdamped flow at every elongation: slow, and nothing but the definition."""
+    """The parts of a string with memory, relaxed by their overdamped flow at every elongation: the definition, slow."""
 
     def __init__(self, nsh, stiffness):
         self.Q, self.zeta, self.h, self.k = np.array(nsh.Q), np.array(nsh.zeta), np.array(nsh.h), stiffness
@@ -168,8 +180,8 @@ class Relaxation:
 def test_curves_with_memory_follow_the_flow(nsh, stiffness):
     kernel, flow = Kernel(mast(stiffness, nsh=nsh)), Relaxation(nsh, stiffness)
     total = 2.0 * sum(nsh.h) + 4.0 * max(nsh.Q) / stiffness
-    sweep = np.concatenate([np.linspace(a, b, 120) for a, b in ((0.0, 1.02 * total), (1.02 * total, -0.1 * total), (0.0, 0.6 * total),
-                                                               (0.6 * total, 0.2 * total), (0.2 * total, 0.8 * total))])
+    turns = total * np.array([0.0, 1.02, -0.1, 0.6, 0.2, 0.8])
+    sweep = np.concatenate([np.linspace(a, b, 120) for a, b in zip(turns, turns[1:])])
     force, energy, loss, snaps = walk(kernel, sweep)
     np.testing.assert_allclose(force, [flow.tension(x) for x in sweep], rtol=0, atol=1e-7 * force.max())
     assert len(snaps) >= 1
@@ -177,7 +189,8 @@ def test_curves_with_memory_follow_the_flow(nsh, stiffness):
 
 def nested_loops(n):
     """Cells whose loops of force lie inside each other: in a soft enough string each remembers for itself."""
-    return Series(tuple(Table((0.0, 0.01, 0.0101, 0.04), (0.0, 1.0 + 0.1 * i, 0.9 - 0.05 * i, 6.0)) for i in range(n)), "hysteretic")
+    x = (0.0, 0.01, 0.0101, 0.04)
+    return Series(tuple(Table(x, (0.0, 1.0 + 0.1 * i, 0.9 - 0.05 * i, 6.0)) for i in range(n)), "hysteretic")
 
 
 def test_nested_loops_remember_each_for_itself():
@@ -211,7 +224,8 @@ def assert_consistent(kernel, size):
 def test_graphs_with_memory_are_consistent(seed):
     random = np.random.default_rng(seed)
     n = random.integers(1, 5)
-    nsh = NSH(tuple(random.uniform(1, 30, n)), tuple(random.uniform(0.5, 12, n)), tuple(random.uniform(0.003, 0.03, n)), "hysteretic")
+    Q, zeta, h = (tuple(random.uniform(low, high, n)) for low, high in ((1.0, 30.0), (0.5, 12.0), (0.003, 0.03)))
+    nsh = NSH(Q, zeta, h, "hysteretic")
     assert_consistent(Kernel(mast(10.0 ** random.uniform(2.0, 4.5), nsh=nsh)), 4.0 * max(nsh.Q))
 
 
@@ -356,6 +370,10 @@ def test_a_fitted_part_snaps():
     (Series((Beam(6.0, 9.0, 0.01), Spring(100.0))), "must be hysteretic"),
     (Series((Polynomial((100.0, -1000.0)), Spring(100.0))), "bears again|hysteretic"),
     (Series((Table((0.0, 1.0), (0.0, -1.0)), Spring(1.0))), "does not rise"),
+    (Series((Table((0.0, 1.0), (0.0, -1.0)), Spring(1.0)), "hysteretic"), "does not rise"),
+    (Table((0.0, 0.02, 0.01), (0.0, 1.0, 2.0)), "does not increase"),
+    (Spring(-5.0), "stiffness is not positive"),
+    (Polynomial((1.0, np.inf)), "damaged"),
 ])
 def test_laws_that_cannot_be(element, message):
     with pytest.raises(TensegrityError, match=message):
@@ -366,13 +384,15 @@ def test_laws_that_cannot_be(element, message):
 
 
 def pulled(model, method, tolerance=1e-8, peak=30.0, last=0.0, steps=200, max_step=0.0):
-    """A slow pull to the left and on to another one, `last` (N), over 2 s: the kernel at the end, its transitions, the largest ledger
-    error."""
-    kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step or (1e-4 if method in ("rk4", "ros2") else 0.0))
+    """A slow pull to the left and on to another one, `last` (N), over 2 s: the kernel at the end, its transitions, the largest
+    ledger error."""
+    fixed = 1e-4 if method in ("rk4", "ros2") else 0.0
+    kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step or fixed)
     kernel.initialize()
     transitions, worst = [], 0.0
     for i in range(steps):
-        kernel["force"][0] = -peak * i / (0.5 * steps) if i < steps // 2 else -last + (last - peak) * (steps - i) / (0.5 * steps)
+        part = i / (0.5 * steps)
+        kernel["force"][0] = -peak * part if part < 1.0 else -last + (last - peak) * (2.0 - part)
         kernel.step(2.0 / steps)
         transitions += kernel.transitions
         balance = sum(kernel[name][0] for name in ("kinetic", "potential", "elastic", "dissipated")) - kernel["input_work"][0]
@@ -402,6 +422,20 @@ def test_all_methods_pass_the_same_snaps():
                 assert kernel.stats["steps"] < 5000 and kernel.stats["rejected"] < 800, case
             else:
                 assert ledger <= 1e-6, case
+
+
+def test_fixed_steps_that_do_not_locate_every_transition():
+    """ros2 locates four of them in a step and takes the rest from the elongations: with memory, along the graph."""
+    model = mast(rest=2.0**0.5, nsh=MEMORY, damping=5.0)
+    kernel, transitions, _ = pulled(model, "ros2", peak=1000.0, steps=20, max_step=0.1)
+    pieces, at, leaps = kernel.pieces(1), 0, 0
+    for t in (t for t in transitions if t.string == 1):
+        assert t.before == at
+        passed, lost = walk_from(pieces, at, pieces[t.after])
+        assert passed == t.after and t.loss == pytest.approx(lost, abs=1e-12)
+        leaps += t.after not in (pieces[at].up, pieces[at].down)
+        at = t.after
+    assert leaps and kernel["snapped"][0] == pieces[at].snapped
 
 
 def test_slack_and_back_with_a_bistable_beam():
@@ -536,7 +570,8 @@ def test_any_shape_is_a_beam_with_memory_only():
 @pytest.mark.parametrize("damper, force", [
     (Polynomial((30.0, 0.0, 400.0)), lambda r: 30.0 * r + 400.0 * r**3),
     (Polynomial((0.0, 80.0)), lambda r: 80.0 * r * abs(r)),
-    (Table((0.0, 0.1, 0.3), (0.0, 9.0, 12.0)), lambda r: np.sign(r) * (min(abs(r), 0.1) * 90.0 + max(0.0, abs(r) - 0.1) * 15.0)),
+    (Table((0.0, 0.1, 0.3), (0.0, 9.0, 12.0)),
+     lambda r: np.sign(r) * (min(abs(r), 0.1) * 90.0 + max(0.0, abs(r) - 0.1) * 15.0)),
 ])
 def test_dampers(damper, force):
     """Their force adds to that of d; the ledger closes; the Jacobian sees them."""

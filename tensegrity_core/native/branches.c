@@ -1,8 +1,9 @@
 /* States of parts in series with memory, and their branches.
  *
- * On given stretches of the parts (a state) T is smooth in the string's elongation x.  Where all of them rise, every equilibrium is
- * stable; where one falls, the one that leads, it is as long as dx/du of the leader is positive; where two fall, none is.  So a
- * state has branches in x, which end where a part comes to the end of its stretch, where T vanishes, or at a fold, dx/du = 0. */
+ * On given stretches of the parts (a state) T is smooth in the string's elongation x.  Where all of them rise, every
+ * equilibrium is stable; where one falls, the one that leads, it is as long as dx/du of the leader is positive; where two
+ * fall, none is.  So a state has branches in x, which end where a part comes to the end of its stretch, where T vanishes, or
+ * at a fold, dx/du = 0. */
 #include "hysteresis.h"
 
 #include <math.h>
@@ -184,7 +185,8 @@ static void explore_falling(ts_graph *g, int32_t index)
     }
     ts_rise r = {g->part, s->at, g->on_rise, a, b, 1.0 / g->k, 0.0, g->n, s->leader};
     for (int i = 0; i <= SCAN; i++) {
-        double t = fmin(fmax((double)i / SCAN, 0.003), 0.997), u = a + (b - a) * t * t * (3.0 - 2.0 * t), now = stability(&r, u);
+        double t = fmin(fmax((double)i / SCAN, 0.003), 0.997), u = a + (b - a) * t * t * (3.0 - 2.0 * t);
+        double now = stability(&r, u);
         if (i == 0) {
             open = now > 0.0;
             from = a;
@@ -212,8 +214,10 @@ static void explore_rising(ts_graph *g, int32_t index)
     ts_state *s = g->states + index;
     double least, most;
     bounds(g, s, &least, &most);
-    ts_branch b = {.state = index, .kind = TS_GRADED, .cause = {least == 0.0 ? TS_ZERO : TS_BOUND, TS_BOUND}, .T = {least, most}};
-    if (!(most < INFINITY)) b.kind = s->leader < 0 ? TS_STRAIGHT : TS_OPEN, b.cause[1] = TS_ENDLESS; /* straight: all at their stops */
+    ts_branch b = {.state = index, .kind = TS_GRADED, .T = {least, most}};
+    b.cause[0] = least == 0.0 ? TS_ZERO : TS_BOUND;
+    b.cause[1] = most < INFINITY ? TS_BOUND : TS_ENDLESS;
+    if (!(most < INFINITY)) b.kind = s->leader < 0 ? TS_STRAIGHT : TS_OPEN; /* straight: all are at their stops */
     if (most - least <= SAME * g->size) return;
     for (int j = 0; j < g->n; j++)
         if (s->at[j] < g->part[j].n && g->part[j].s[s->at[j]].force[1] == most) {
@@ -257,8 +261,8 @@ static int32_t find_state(ts_graph *g, const int32_t *at)
     return index;
 }
 
-/* The branch of a state that holds the elongation x with the parts at u; with a way (1 up, -1 down) one that begins there and goes
- * that way.  -1: there is none. */
+/* The branch of a state that holds the elongation x with the parts at u; with a way (1 up, -1 down) one that begins there
+ * and goes that way.  -1: there is none. */
 int32_t ts_branch_find(ts_graph *g, const int32_t *at, double x, const double *u, int way)
 {
     int32_t index = find_state(g, at);

@@ -1,10 +1,10 @@
-/* Force curves of strings: pieces of polynomials in the elongation, evaluated in constant time, as a graph that says which piece
- * follows where one is left, and what that costs.
+/* Force curves of strings: pieces of polynomials in the elongation, evaluated in constant time, as a graph that says which
+ * piece follows where one is left, and what that costs.
  *
  * A law that is a function of the elongation is a chain of pieces, each joining the next without loss.  A law with memory
- * (hysteresis.c) has several pieces at one elongation, and pieces that end at a fold: there the force depends on the distance s^2
- * from the fold by powers of s, and so do the polynomials.  Past a fold the force stays as it is there, so that a trial step
- * may look beyond. */
+ * (hysteresis.c) has several pieces at one elongation, and pieces that end at a fold: there the force depends on the
+ * distance s^2 from the fold by powers of s, and so do the polynomials.  Past a fold the force stays as it is there, so that
+ * a trial step may look beyond. */
 #include "internal.h"
 
 #include <math.h>
@@ -51,7 +51,8 @@ double ts_row_width(const ts_piece *p, int row, double *begin)
     }
     int upper = octave >= lower, far = upper ? octave - lower : lower - 1 - octave; /* octaves from the middle */
     int last = far == (upper ? p->octaves[1] : lower) - 1;
-    double whole = 1.0 / p->scale, reach = ldexp(0.5 * whole, -far), from = last ? 0.0 : 0.5 * reach, w = (reach - from) / p->each;
+    double whole = 1.0 / p->scale, reach = ldexp(0.5 * whole, -far), from = last ? 0.0 : 0.5 * reach;
+    double w = (reach - from) / p->each;
     *begin = p->origin + (upper ? whole - reach + n * w : from + n * w);
     return w;
 }
@@ -234,8 +235,8 @@ int ts_curve_piece(const ts_curve *c, double x)
     return ts_curve_walk(c, 0, x, 0.0, &loss);
 }
 
-/* Piece where a string ends up whose elongation goes from where `piece` holds it to x, and adds to loss (J) what the snaps on the
- * way dissipate.  guard: m, that an end may be passed. */
+/* Piece where a string ends up whose elongation goes from where `piece` holds it to x, and adds to loss (J) what the snaps
+ * on the way dissipate.  guard: m, that an end may be passed. */
 int ts_curve_walk(const ts_curve *c, int piece, double x, double guard, double *loss)
 {
     for (int n = 0; n <= 2 * c->pieces; n++) {

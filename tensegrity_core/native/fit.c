@@ -1,8 +1,8 @@
-/* Rows of polynomials for laws that only an equation defines: through Chebyshev points of the exact force, as many and as far apart
- * as the wanted error allows.
+/* Rows of polynomials for laws that only an equation defines: through Chebyshev points of the exact force, as many and as
+ * far apart as the wanted error allows.
  *
- * The force of a series is smooth within a piece, but often nearly singular just beyond its ends, where the next part comes to a
- * maximum: there rows get shorter, by halves. */
+ * The force of a series is smooth within a piece, but often nearly singular just beyond its ends, where the next part comes
+ * to a maximum: there rows get shorter, by halves. */
 #include "laws.h"
 
 #include <math.h>
@@ -68,7 +68,8 @@ static const char *fit_fold(ts_piece *p, double **table, int32_t *rows, double (
         if (!more) return "out of memory";
         *table = more;
         for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, more + TS_ROW * (*rows + i)));
-        if (worst <= error || p->rows >= TS_MAX_ROWS || (worst <= 50.0 * error && worst > 0.25 * last)) { /* no more digits there */
+        int no_more_digits = worst <= 50.0 * error && worst > 0.25 * last;
+        if (worst <= error || p->rows >= TS_MAX_ROWS || no_more_digits) {
             p->first = *rows;
             p->scale = p->rows / range;
             *rows += p->rows;
@@ -101,7 +102,8 @@ static int octaves(ts_piece *p, int upper, double (*force)(void *, double), void
     return MOST_OCTAVES;
 }
 
-static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
+static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at,
+                              double error)
 {
     double begin;
     p->origin = p->lo;

@@ -1,5 +1,5 @@
-/* A snap of parts in series: c du_j/dt = T - f_j(u_j), T = k (x - sum u) or 0, with the string's elongation x held, stopped at 0 and
- * at the parts' stops.  Only where it ends matters. */
+/* A snap of parts in series: c du_j/dt = T - f_j(u_j), T = k (x - sum u) or 0, with the string's elongation x held, stopped
+ * at 0 and at the parts' stops.  Only where it ends matters. */
 #include "hysteresis.h"
 
 #include <math.h>
@@ -37,6 +37,19 @@ static int stable(const ts_graph *g, const double *slope, double k)
     return falling == 0 || (falling == 1 && k > 0.0 && 1.0 / k + sum < 0.0);
 }
 
+/* Is 1 + h (diag(slope) + k 1 1') positive definite? */
+static int solvable(const ts_graph *g, const double *slope, double k, double h)
+{
+    double sum = 0.0;
+    int negative = 0;
+    for (int j = 0; j < g->n; j++) {
+        double d = 1.0 + h * slope[j];
+        negative += d <= 0.0;
+        sum += 1.0 / d;
+    }
+    return negative == 0 || (negative == 1 && 1.0 + h * k * sum < 0.0);
+}
+
 /* r = (1 + h (diag(slope) + k 1 1'))^-1 r */
 static void flow_solve(const ts_graph *g, const double *slope, double k, double h, double *r)
 {
@@ -53,8 +66,8 @@ static void flow_solve(const ts_graph *g, const double *slope, double k, double 
 
 /* One step of the flow (Shampine, Reichelt, The MATLAB ODE suite, SIAM Journal on Scientific Computing 18, 1997,
  * doi:10.1137/S1064827594276424: ode23s), from rates f0; its end in `end`.  Returns the error, m. */
-static double flow_step(const ts_graph *g, double x, const double *u, double bias, const double *f0, const double *slope, double k,
-                        double h, double *end)
+static double flow_step(const ts_graph *g, double x, const double *u, double bias, const double *f0, const double *slope,
+                        double k, double h, double *end)
 {
     const double d = 0.2928932188134524, e32 = 7.414213562373095; /* 1/(2 + sqrt 2), 6 + sqrt 2 */
     int n = g->n;
@@ -83,14 +96,11 @@ void ts_flow(ts_graph *g, double x, int way)
 {
     double *rate = g->work, *slope = rate + g->n, *end = rate + 7 * g->n, h = 0.0, bias = way * BIAS * g->size;
     for (int step = 0; step < FLOW_STEPS; step++) {
-        double T = flow_rates(g, x, g->v, bias, rate, slope), k = T > 0.0 ? g->k : 0.0, fastest = 0.0, falls = 0.0;
-        for (int j = 0; j < g->n; j++) {
-            fastest = fmax(fastest, fabs(rate[j]));
-            falls = fmax(falls, -slope[j]);
-        }
+        double T = flow_rates(g, x, g->v, bias, rate, slope), k = T > 0.0 ? g->k : 0.0, fastest = 0.0;
+        for (int j = 0; j < g->n; j++) fastest = fmax(fastest, fabs(rate[j]));
         if (fastest <= 1e-9 * g->size && stable(g, slope, k)) return;
         if (h == 0.0) h = 0.01 * g->length / (g->size + g->k * g->length);
-        if (falls > 0.0) h = fmin(h, 1.0 / falls);
+        while (!solvable(g, slope, k, h)) h *= 0.5;
         double error = flow_step(g, x, g->v, bias, rate, slope, k, h, end) / (FLOW_ERROR * g->length);
         if (error <= 1.0) memcpy(g->v, end, sizeof(double) * (size_t)g->n);
         h *= fmin(4.0, fmax(0.2, 0.8 / cbrt(fmax(error, 1e-3))));

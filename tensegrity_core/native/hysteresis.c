@@ -3,8 +3,8 @@
  * k the string's own stiffness, x its elongation.
  *
  * At the end of a branch (branches.c) the adjacent one, if it goes on in the direction of motion, joins; else the parts snap
- * (flow.c), ties to the lowest index, and what Pi loses is dissipated.  A slack string has T = 0.  All branches that can be reached
- * from the slack one are found by a search, breadth first. */
+ * (flow.c), ties to the lowest index, and what Pi loses is dissipated.  A slack string has T = 0.  All branches that can be
+ * reached from the slack one are found by a search, breadth first. */
 #include "hysteresis.h"
 
 #include <math.h>
@@ -13,6 +13,7 @@
 
 #define SAME 1e-12 /* forces that are equal, of the largest */
 #define PUSH 1e-3  /* first displacement from an unstable point, of a stretch */
+#define DRIVE 1e-8 /* what must drive it on from there, of the largest force */
 
 /* --- snaps --------------------------------------------------------------------------------------------------------- */
 
@@ -49,7 +50,8 @@ static int32_t slack_branch(ts_graph *g, int way)
         return -1;
     }
     memcpy(own, g->v, sizeof *own * (size_t)g->n);
-    ts_branch b = {.state = -1, .kind = TS_SLACK, .cause = {TS_ENDLESS, TS_BOUND}, .x = {-INFINITY, ts_parts_total(g, own)}, .slack = own};
+    ts_branch b = {.state = -1, .kind = TS_SLACK, .cause = {TS_ENDLESS, TS_BOUND}, .x = {-INFINITY, 0.0}, .slack = own};
+    b.x[1] = ts_parts_total(g, own);
     int32_t index = ts_branch_add(g, b);
     if (index < 0) free(own);
     return index;
@@ -96,8 +98,16 @@ static int32_t land(ts_graph *g, double x, int way)
     return -1;
 }
 
-/* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at their
- * stops stay.  Returns T. */
+/* Elongation where a part bears T on a rising stretch or on those that it joins. */
+static double risen(const ts_law *part, int on, double T, double guess)
+{
+    while (on > 0 && T < part->s[on].force[0] && part->s[on - 1].way > 0) on--;
+    while (on < part->n - 1 && T > part->s[on].force[1] && part->s[on + 1].way > 0) on++;
+    return ts_law_inverse(part, on, T, guess);
+}
+
+/* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at
+ * their stops stay.  Returns T. */
 static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
 {
     double low = 0.0, high = g->k * x;
@@ -107,7 +117,7 @@ static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
         for (int i = 0; i < g->n; i++) {
             const ts_law *part = g->part + i;
             if (i != j && i != k)
-                g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? ts_law_inverse(part, at[i], T, g->v[i]) : g->u[i];
+                g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? risen(part, at[i], T, g->v[i]) : g->u[i];
             sum += g->v[i];
         }
         if (sum > x) high = T; else low = T;
@@ -128,8 +138,8 @@ static double drive(const ts_graph *g, int j, double T)
     return T - ts_law_force(g->part + j, ts_law_at(g->part + j, g->v[j]), g->v[j], &slope);
 }
 
-/* The state g->u at x gives way: part j is pushed (1: on, -1: back), another one, where it falls too, the other way (-1: none).  The
- * branch where that ends. */
+/* The state g->u at x gives way: part j is pushed (1: on, -1: back), another one, where it falls too, the other way (-1:
+ * none).  The branch where that ends. */
 static int32_t snap(ts_graph *g, double x, const int32_t *at, int j, int other, int way)
 {
     const ts_law *part = g->part + j;
@@ -142,8 +152,8 @@ static int32_t snap(ts_graph *g, double x, const int32_t *at, int j, int other, 
         push(g, j, way * distance);
         if (other >= 0) push(g, other, -way * distance);
         double T = hold(g, x, at, j, other);
-        if (way * (drive(g, j, T) - (other >= 0 ? drive(g, other, T) : 0.0)) > 0.0) break;
-        if (n < 12) continue;
+        if (way * (drive(g, j, T) - (other >= 0 ? drive(g, other, T) : 0.0)) > DRIVE * g->size) break;
+        if (n < 16) continue;
         g->reason = "a hysteretic string has no stable state next to one of its ends";
         return -1;
     }
@@ -179,7 +189,8 @@ static int32_t beyond_bound(ts_graph *g, const ts_branch *b, double x, double T,
     int first = -1, entering = -1, leader = s->leader, others = leader >= 0 && falls(g, s->at, leader);
     memcpy(at, s->at, sizeof *at * (size_t)g->n); /* the list of states may move */
     int32_t on_lead = others ? moved(g, s, leader, T, way) : 0;
-    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].s[on_lead].way > 0); /* so does the force: others stay */
+    /* where the leader comes to a rise, the force turns: the others stay */
+    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].s[on_lead].way > 0);
     for (int j = 0; j < g->n; j++) {
         g->next[j] = turns && j != leader ? at[j] : moved(g, s, j, T, way);
         if (g->next[j] == at[j]) continue;
@@ -271,7 +282,9 @@ static void make_piece(ts_graph *g, ts_piece *p, ts_branch *b)
     int side = b->state < 0;
     ts_branch_end(g, b, side);
     double force = b->T[side], start = ts_parts_energy(g, b->x[side], g->u);
-    *p = (ts_piece){.kind = b->kind, .snapped = snapped_on(g, b), .lo = b->x[0], .hi = b->x[1], .force = force, .energy = start};
+    *p = (ts_piece){.kind = b->kind, .snapped = snapped_on(g, b), .lo = b->x[0], .hi = b->x[1]};
+    p->force = force;
+    p->energy = start;
     if (b->kind == TS_SLACK || b->kind == TS_STRAIGHT) return;
     ts_rise r = ts_branch_rise(g, b);
     int fold = b->kind == TS_FOLD_ABOVE ? 1 : b->kind == TS_FOLD_BELOW ? -1 : 0;

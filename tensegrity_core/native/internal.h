@@ -49,8 +49,8 @@ typedef struct {
     int32_t snapped;           /* beams past their force maximum */
     int32_t each, octaves[2];  /* rows of an octave, octaves from the lower and from the upper end */
     double lo, hi;             /* m, ends */
-    double origin, scale;      /* m, 1/m: where the first row begins, and rows per length (of folds by s), or of a graded piece the
-                                * inverse of its length, of an open one that of its first octave */
+    double origin, scale;      /* m, 1/m: where the first row begins, and rows per length (of folds: of s); of a graded
+                                * piece the inverse of its length, of an open one that of its first octave's */
     double force, energy;      /* N, J: at lo of a straight piece; the energy of a slack one */
     double loss_up, loss_down; /* J, what a snap there dissipates */
 } ts_piece;

@@ -1,7 +1,8 @@
-/* Force laws of strings, read from their programs (model.py) and compiled into monotone stretches of polynomials, then into curves.
+/* Force laws of strings, read from their programs (model.py) and compiled into monotone stretches of polynomials, then into
+ * curves.
  *
- * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in series
- * (series.c), holds polynomials through its exact values, as far apart as TS_FIT_ERROR allows. */
+ * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in
+ * series (series.c), holds polynomials through its exact values, as far apart as TS_FIT_ERROR allows. */
 #include "laws.h"
 
 #include <math.h>
@@ -34,9 +35,11 @@ static void append(ts_law *law, ts_stretch stretch)
 }
 
 /* Append a stretch whose force is sum c_k (u - lo)^k, k = 0..TS_DEGREE; it is monotone there. */
-static void append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped, int smooth)
+static void append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped,
+                              int smooth)
 {
-    double *table = realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1)), w = hi < INFINITY ? hi - lo : WIDE;
+    double *table = realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1));
+    double w = hi < INFINITY ? hi - lo : WIDE;
     if (!table) {
         law->reason = "out of memory";
         return;
@@ -46,7 +49,7 @@ static void append_polynomial(ts_law *law, double lo, double hi, const double *c
     for (int k = 0; k <= TS_DEGREE; k++, power *= w) row[1 + k] = c[k] * power;
     ts_piece p = {.kind = TS_ROWS, .rows = 1, .first = law->rows++, .snapped = snapped, .lo = lo, .hi = hi, .origin = lo,
                   .scale = 1.0 / w};
-    append(law, (ts_stretch){p, {c[0], end_force}, way, smooth});
+    append(law, (ts_stretch){p, {c[0], way ? end_force : c[0]}, way, smooth});
 }
 
 static double value(const double *c, double y)
@@ -139,7 +142,8 @@ static void append_cut(ts_law *law, double lo, double hi, const double *c, doubl
             next[1] = 0.0;
         }
         double end = i < n ? next[0] : hi < INFINITY ? value(c, hi - lo) : limit(c);
-        append_polynomial(law, lo + at, i < n ? lo + turns[i] : hi, here, end, sign(value(slope, middle)), snapped, i ? 1 : smooth);
+        int way = sign(value(slope, middle));
+        append_polynomial(law, lo + at, i < n ? lo + turns[i] : hi, here, end, way, snapped, i ? 1 : smooth);
         at = turns[i];
         memcpy(here, next, sizeof here);
     }
@@ -190,6 +194,12 @@ static double pchip_slope(const double *x, const double *f, int n, int i)
 static void compile_table(ts_law *law, const double *x, const double *f, int n, int cubic)
 {
     double slope = 0.0;
+    int rising = x[0] == 0.0 && f[0] == 0.0;
+    for (int i = 0; i + 1 < n; i++) rising = rising && x[i + 1] > x[i];
+    if (!rising) {
+        law->reason = "a table does not increase from (0, 0)";
+        return;
+    }
     for (int i = 0; i + 1 < n; i++) {
         double h = x[i + 1] - x[i], m = (f[i + 1] - f[i]) / h, c[TS_DEGREE + 1] = {f[i], m};
         slope = m;
@@ -291,42 +301,36 @@ static double sum_force(void *at, double u)
     return sum_of(at, u, &slope);
 }
 
-/* Append the sum on [lo, hi], which no polynomial gives: fitted, cut where its slope changes its sign. */
+/* Where the sum's slope changes its sign in (lo, hi), from lo, in order: between samples, by bisection. */
+static int turns_of(const sum *s, double lo, double hi, double *turns)
+{
+    int n = 0;
+    double width = hi - lo, before, slope, d;
+    sum_of(s, lo + SAME * width, &before);
+    for (int i = 1; i <= SAMPLES; i++, before = slope) {
+        double a = lo + width * fmax((i - 1.0) / SAMPLES, SAME), b = lo + width * fmin((double)i / SAMPLES, 1.0 - SAME);
+        sum_of(s, b, &slope);
+        if (!(before * slope < 0.0)) continue;
+        for (double m = 0.5 * (a + b); m > a && m < b; m = 0.5 * (a + b)) {
+            sum_of(s, m, &d);
+            if (d * before > 0.0) a = m; else b = m;
+        }
+        turns[n++] = b - lo;
+    }
+    return drop_ends(turns, n, width);
+}
+
+/* Append the sum on [lo, hi], which no polynomial gives: fitted, cut at its extrema. */
 static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, double size)
 {
-    double from = lo, a = lo, slope, before;
-    sum_of(s, lo + (hi - lo) / (2.0 * SAMPLES), &before);
-    for (int i = 1; i <= SAMPLES; i++) {
-        double b = i < SAMPLES ? lo + (hi - lo) * i / SAMPLES : hi, to = hi;
-        sum_of(s, i < SAMPLES ? b : hi - (hi - lo) / (2.0 * SAMPLES), &slope);
-        if (before * slope < 0.0) {
-            for (to = 0.5 * (a + b); b - a > 4e-16 * b; to = 0.5 * (a + b)) {
-                double d;
-                sum_of(s, to, &d);
-                if (d * before > 0.0) a = to; else b = to;
-            }
-        } else if (i < SAMPLES) {
-            a = b;
-            continue;
-        }
-        if (to - from <= SAME * (hi - lo) || (to < hi && hi - to <= SAME * (hi - lo))) { /* an extremum at an end is none */
-            before = slope;
-            a = lo + (hi - lo) * i / SAMPLES;
-            if (i < SAMPLES) continue;
-            to = hi;
-        }
-        for (int rest = 0; rest < 2; rest++) { /* up to an extremum, and on to the end where it lies in the last interval */
-            double d, ends[2] = {law->n ? law->s[law->n - 1].force[1] : 0.0, sum_of(s, to, &d)};
-            ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
-            const char *reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
-            if (reason) law->reason = reason;
-            append(law, (ts_stretch){p, {ends[0], ends[1]}, sign(ends[1] - ends[0]), 0});
-            from = to;
-            if (to >= hi || i < SAMPLES) break;
-            to = hi;
-        }
-        before = slope;
-        a = lo + (hi - lo) * i / SAMPLES;
+    double turns[SAMPLES + 1], from = lo, slope;
+    int n = turns_of(s, lo, hi, turns);
+    for (int i = 0; i <= n && !law->reason; i++) {
+        double to = i < n ? lo + turns[i] : hi, start = law->n ? law->s[law->n - 1].force[1] : 0.0, end = sum_of(s, to, &slope);
+        ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
+        law->reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
+        append(law, (ts_stretch){p, {start, end}, sign(end - start), 0});
+        from = to;
     }
 }
 
@@ -408,9 +412,12 @@ static int next_int(program *p, int least, int most)
     return *p->ints++;
 }
 
+/* The next `count` numbers; NULL where there are none, or not finite ones. */
 static const double *next_values(program *p, int count)
 {
     if (p->values_end - p->values < count) return NULL;
+    for (int i = 0; i < count; i++)
+        if (!isfinite(p->values[i])) return NULL;
     p->values += count;
     return p->values - count;
 }
@@ -457,16 +464,25 @@ static void count_snaps(ts_law *law)
     for (int i = 0, falls = 0; i < law->n; i++) law->s[i].p.snapped = falls |= law->s[i].way < 0;
 }
 
+static int all_positive(const double *v, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (!(v[i] > 0.0)) return 0;
+    return 1;
+}
+
 static void compile(ts_law *law, program *p, int depth)
 {
     int kind = depth < 64 ? next_int(p, 0, KINDS - 1) : -1, count, cubic;
     const double *v = NULL;
     switch (kind) {
     case SPRING:
-        if ((v = next_values(p, 1))) compile_polynomial(law, v, 1);
+        if ((v = next_values(p, 1)) && all_positive(v, 1)) compile_polynomial(law, v, 1);
+        else law->reason = "a spring's stiffness is not positive";
         break;
     case BEAM:
-        if ((v = next_values(p, 3))) ts_law_beam(law, v[0], v[1], v[2]);
+        if ((v = next_values(p, 3)) && all_positive(v, 3)) ts_law_beam(law, v[0], v[1], v[2]);
+        else law->reason = "a beam's parameter is not positive";
         break;
     case POLYNOMIAL:
         count = next_int(p, 1, TS_DEGREE);
@@ -509,7 +525,8 @@ void ts_law_compile(ts_law *law, const ts_model *m, int32_t first_int, int32_t f
 /* Is the law there a series with memory? */
 int ts_law_has_memory(const ts_model *m, int32_t first_int)
 {
-    return first_int >= 0 && first_int + 2 < m->program_ints && m->program[first_int] == SERIES && m->program[first_int + 2] == 1;
+    if (first_int < 0 || first_int + 2 >= m->program_ints) return 0;
+    return m->program[first_int] == SERIES && m->program[first_int + 2] == 1;
 }
 
 /* Its parts; a reason why not, or NULL. */
@@ -565,7 +582,9 @@ const char *ts_law_curve(ts_curve *c, const ts_law *law)
     double stop = last->hi;
     if (stop < INFINITY) {
         double force = ts_piece_force(last, c->table, INFINITY, stop, 0.0, &slope);
-        ts_piece end = {.kind = TS_STRAIGHT, .snapped = last->snapped, .lo = stop, .hi = INFINITY, .force = force, .energy = energy};
+        ts_piece end = {.kind = TS_STRAIGHT, .snapped = last->snapped, .lo = stop, .hi = INFINITY};
+        end.force = force;
+        end.energy = energy;
         c->piece[c->pieces++] = end;
     }
     ts_curve_chain(c);

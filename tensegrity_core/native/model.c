@@ -79,7 +79,8 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->mover, N), TAKE(m->mover_bar, m->count[TS_E]), TAKE(m->winder, S), TAKE(sim->laden, m->blocks), TAKE(sim->extra_mass, N);
     TAKE(sim->base, 5 * m->count[TS_E] * D), TAKE(sim->base_now, 3 * m->count[TS_E] * D);
     TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
-    TAKE(m->y_start, m->stride), TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
+    TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S);
+    TAKE(m->y_start, m->stride), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
     TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
     TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->damping, S);
     TAKE(sim->curve_key, 2 * (3 * m->count[TS_Z] + S));

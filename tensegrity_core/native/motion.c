@@ -194,7 +194,8 @@ static void curve_forces(ts_sim *sim)
     for (int n = 0; n < m->curved_count; n++) {
         int i = m->curved[n];
         double slope;
-        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[m->at[TS_STIFFNESS] + i], &slope);
+        double k = sim->values[m->at[TS_STIFFNESS] + i];
+        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
     }
 }
 

@@ -217,7 +217,8 @@ int ts_initialize(ts_sim *sim, double time)
     move_to_centres(sim);
     ts_project(sim, sim->y);
     ts_jump_bases(sim, NULL, NULL, 0.0);
-    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]); /* strings with memory come from slack; what that cost is past */
+    /* strings with memory come from slack; what that dissipated was before the start */
+    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
