@@ -22,6 +22,8 @@ from . import nsh
 EPS = math.ulp(1.0)
 #: Forces that differ by less than this part count as equal: two parts that end together.
 TIE = 8.0 * EPS
+#: A Newton step shorter than this part is the last: the next one would be below round-off.
+LAST_STEP = 1e-12
 
 
 class BeamCurve(NamedTuple):
@@ -139,6 +141,9 @@ class Stretch:
             region = "I" if self.end <= self.curve.h else "III" if self.start >= self.curve.h else "II"
             u = self.curve.h * nsh._root(force / self.curve.Q, self.curve.zeta, region)
             return min(max(u, self.start), self.end)
+        if type(self.curve) is PolynomialCurve and len(self.curve.coefficients) == 2:
+            constant, slope = self.curve.coefficients
+            return min(max(self.curve.at + (force - constant) / slope, self.start), self.end)
         return _inverted(self.curve, force, sign, self.start, self.end)
 
 
@@ -153,14 +158,16 @@ def _inverted(curve, force: float, sign: int, low: float, high: float) -> float:
     for _ in range(200):
         value, slope, _ = curve.value(u)
         gap = value - force
-        if abs(gap) <= EPS * abs(force) or high - low <= EPS * high:
+        if abs(gap) <= 2.0 * EPS * abs(force) or high - low <= EPS * high:
             break
         if sign * gap > 0.0:
             high = u
         else:
             low = u
         newton = u - gap / slope if slope else math.inf
-        u = newton if low < newton < high else 0.5 * (low + high)
+        if abs(newton - u) <= LAST_STEP * abs(u):
+            return min(max(newton, low), high)
+        u = newton if low <= newton <= high else 0.5 * (low + high)
     return u
 
 
@@ -171,7 +178,8 @@ def turning_points(curve, start: float, end: float) -> list[float]:
     if local is None:
         grid = np.linspace(start, end, 65)
         slopes = [curve.value(u)[1] for u in grid]
-        return [_zero(lambda u: curve.value(u)[1], a, b) for a, b, p, q in zip(grid, grid[1:], slopes, slopes[1:]) if p * q < 0.0]
+        turns = [i for i in range(64) if slopes[i] * slopes[i + 1] < 0.0]
+        return [_zero(lambda u: curve.value(u)[1], grid[i], grid[i + 1]) for i in turns]
     derivative = np.trim_zeros(polynomial.polyder(local), "b")
     roots = polynomial.polyroots(derivative) if len(derivative) > 1 else np.array([])
     near = np.abs(roots.imag) <= 1e-7 * np.abs(roots)
@@ -247,7 +255,7 @@ class Chain:
             if slope_i > 0.0:
                 found[i] = slope / slope_i
             elif slope == 0.0:
-                found[i] = math.copysign(math.sqrt(abs(curvature / curvature_i)), curvature * curvature_i) if curvature_i else 0.0
+                found[i] = math.copysign(abs(curvature / curvature_i) ** 0.5, curvature * curvature_i) if curvature_i else 0.0
             else:
                 found[i] = math.copysign(math.inf, slope)
         return found
@@ -264,12 +272,12 @@ class Chain:
         if high < math.inf:
             part = (x - self.lower) / (self.upper - self.lower)
         else:
-            high = low + (x - self.lower)    # p grows no faster than the sum
+            high = (low + (x - self.lower)) * (1.0 + TIE)    # p grows no faster than the sum
         p = low + (high - low) * part
         for _ in range(200):
             u = self.displacements(p)
             gap = math.fsum((self.held, *u, -x))
-            if abs(gap) <= EPS * abs(x) or high - low <= EPS * abs(high):
+            if abs(gap) <= 2.0 * EPS * abs(x) or high - low <= EPS * abs(high):
                 break
             if gap > 0.0:
                 high = p
@@ -277,14 +285,13 @@ class Chain:
                 low = p
             growth = sum(self.ratios(u))
             newton = p - gap / growth if growth and math.isfinite(growth) else math.inf
-            if low < newton < high and abs(newton - p) <= EPS * abs(p):
-                p = newton
-                break
-            p = newton if low < newton < high else 0.5 * (low + high)
+            if abs(newton - p) <= LAST_STEP * abs(p):
+                return min(max(newton, self.start), self.end)
+            p = newton if low <= newton <= high else 0.5 * (low + high)
         return p
 
     def value(self, p: float) -> tuple[float, float, float]:
-        """Force and its first two derivatives by x.  With w_i = du_i/dx: f' = w f' of the leading stretch, f'' = sum w_i^3 f''_i."""
+        """Force and its first two derivatives by x: w f' of the leading stretch and sum w_i^3 f''_i, w_i = du_i/dx."""
         u = self.displacements(p)
         force, slope, _ = self._curve.value(p)
         ratios = self.ratios(u)
@@ -307,13 +314,19 @@ def rise(stretches: list[Stretch], low: float, high: float, held: float, base: f
     count = range(len(stretches))
     ahead = min(count, key=lambda i: stretches[i].last)
     behind = max(count, key=lambda i: stretches[i].first)
-    turns = stretches[behind].first >= low * (1.0 - TIE) and stretches[behind].curve.value(stretches[behind].start)[1] <= 0.0
+    turns = stretches[behind].first >= low * (1.0 - TIE) and _turns(stretches[behind])
     end = stretches[ahead].inverse(high) if high < math.inf else math.inf
     if not turns or behind == ahead:
         return [Chain(stretches, ahead, stretches[ahead].inverse(low), end, held, base)]
     middle = 0.5 * (low + high) if high < math.inf else 2.0 * low if low > 0.0 else 1.0
     first = Chain(stretches, behind, stretches[behind].inverse(low), stretches[behind].inverse(middle), held, base)
     return [first, Chain(stretches, ahead, stretches[ahead].inverse(middle), end, held, base)]
+
+
+def _turns(one: Stretch) -> bool:
+    """Whether a rising stretch starts without a slope."""
+    width = one.end - one.start if one.end < math.inf else max(one.start, 1e-3)
+    return one.curve.value(one.start)[1] < 0.1 * one.curve.value(one.start + 1e-3 * width)[1]
 
 
 class RiseCurve:

@@ -81,7 +81,7 @@ def elastic_tension(stretch, taut, piece, k, honeycombs, elements=(), branches=N
 
 
 def damping_tension(stretch_rate, taut, d, dampers=()):
-    """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  dampers: (string, Damping) of those that are not linear."""
+    """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  dampers: (string, Damping) of the others than linear."""
     f = taut * d * stretch_rate
     for j, law in dampers:
         f[j] = taut.item(j) * law.force(stretch_rate.item(j))
@@ -441,7 +441,8 @@ def fastest_rate(s: Structure) -> float:
 
 
 def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None) -> Mode:
-    """A mode from its pieces and clips; branches: those of strings with memory, slack without, from which their pieces follow."""
+    """A mode from its pieces and clips.  branches: string -> Branch of those with memory, whose pieces follow from it; without,
+    they are slack."""
     branches = s.slack if branches is None else branches
     if branches:
         piece = piece.copy()

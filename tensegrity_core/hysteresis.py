@@ -30,8 +30,8 @@ from scipy.integrate import Radau
 from scipy.optimize import brentq
 
 from .curves import EPS, TIE, Chain, PolynomialCurve, RiseCurve, Stretch, rise, stretch
-from .elements import Element, Series
-from .errors import InputError, SimulationError
+from .elements import Series
+from .errors import InputError, TensegrityError
 from .laws import Law, part_law
 
 #: The flow starts this far from the state that lost its stability, as a part of the leading part's stretch.
@@ -50,6 +50,10 @@ TOGETHER, SAME = 1e-12, 1e-9
 MAX_STEPS, MAX_EVENTS = 3000, 10_000
 
 
+class NoStableState(TensegrityError):
+    """No stable state of a series with memory was found after one that is none."""
+
+
 class Event(NamedTuple):
     """A change of branch at the elongation x (m), with the energy that is lost in it (J)."""
 
@@ -66,7 +70,8 @@ class Memory:
         self.element, self.k = element, k
         self.parts: tuple[Law, ...] = tuple(part_law(part) for part in element.parts)
         self.spring = stretch(PolynomialCurve(0.0, (0.0, k), 0.0), 0.0, math.inf)
-        self._branches: dict[tuple[int, ...], tuple[Branch, ...]] = {}
+        self.width = max((part.breakpoints[-1] for part in self.parts), default=0.0)    # m: what lengths are small beside
+        self._branches: dict[tuple, tuple[Branch, ...]] = {}
         for i, part in enumerate(self.parts, 1):
             if part.stretches[0].sign <= 0 or part.end == math.inf and part.stretches[-1].sign <= 0:
                 where = "at first" if part.stretches[0].sign <= 0 else "in the end"
@@ -102,7 +107,7 @@ class Memory:
         return self._branches[key]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def memory(element: Series, k: float) -> Memory:
     """The memory of a series with law 'hysteretic' and the string's stiffness k (N/m).
 
@@ -130,7 +135,7 @@ def follow(branch: "Branch", x: float) -> tuple["Branch", list[Event]]:
         events.append(Event(at, loss, branch, after))
         branch = after
         if len(events) > MAX_EVENTS:
-            raise SimulationError("snapping", f"{MAX_EVENTS} changes of branch on the way to x = {x!r} m", 0.0)
+            raise NoStableState(f"{MAX_EVENTS} changes of branch on the way to x = {x!r} m")
     return branch, events
 
 
@@ -152,7 +157,7 @@ def elongation(element: Series, k: float, force: float) -> float:
 
 
 class Branch:
-    """A stable branch; frozen, and equal only to itself (a memory makes each once).
+    """A stable branch; frozen.  Branches of equal elements and stiffnesses are equal where they are the same family of states.
 
     at: the stretch of each part (one past the last: at its stop); lead: the part that does not rise, or None;
     folds: whether the lower and the upper end are folds; low, high: N, forces between which the parts' stretches overlap;
@@ -171,6 +176,16 @@ class Branch:
         else:
             self._rest = [part.stretches[n].inverse(0.0) for part, n in zip(memory.parts, at)]
             self.lower, self.upper = -math.inf, math.fsum(self._rest)
+
+    def __eq__(self, other) -> bool:
+        return self is other or isinstance(other, Branch) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key[:3])
+
+    @property
+    def _key(self) -> tuple:
+        return self.at, self.number, self.taut, self.memory.k, self.memory.element
 
     def __repr__(self) -> str:
         state = "taut" if self.taut else "slack"
@@ -227,11 +242,11 @@ class Branch:
     def _value(self, x: float) -> tuple[float, float, float]:
         if not self.taut:
             return 0.0, 0.0, 0.0
-        past_fold = (x <= self.lower and self.folds[0], x >= self.upper and self.folds[1])
-        if any(past_fold):
-            end = self.curve.chains[0].start if past_fold[0] else self.curve.chains[-1].end
-            chain = self.curve.chains[0 if past_fold[0] else -1]
-            return chain.value(end)[0], 0.0, 0.0
+        chains = self.curve.chains
+        if self.folds[0] and x <= self.lower:
+            return chains[0].value(chains[0].start)[0], 0.0, 0.0
+        if self.folds[1] and x >= self.upper:
+            return chains[-1].value(chains[-1].end)[0], 0.0, 0.0
         return self.curve.value(x)
 
 
@@ -242,7 +257,8 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     on = [m.stretch(i, n) for i, n in enumerate(at)]
     moving = [one for one in on if one is not None] + [m.spring]
     stopped = [part for part, one in zip(m.parts, on) if one is None]
-    held, base = math.fsum(part.end for part in stopped), math.fsum(part.stretches[-1].curve.energy(part.end) for part in stopped)
+    held = math.fsum(part.end for part in stopped)
+    base = math.fsum(part.stretches[-1].curve.energy(part.end) for part in stopped)
     leads = [i for i, one in enumerate(on) if one is not None and one.sign <= 0]
     low = max(0.0, *(min(one.first, one.last) for one in moving), *(part.end_force for part in stopped))
     high = min(max(one.first, one.last) for one in moving)
@@ -306,7 +322,7 @@ def _next(branch: Branch, way: int) -> tuple[Branch, float]:
         at = _shifted(branch.at, ending, [way * (i == lead) for i in range(len(ending))])
         if m.sign(lead, at[lead]) < 0:
             return _snap(branch, x, lead, way, at)
-    raise SimulationError("snapping", f"nothing follows the state at x = {x!r} m; look for parts that end together", 0.0)
+    raise NoStableState(f"nothing follows the state at x = {x!r} m; look for parts that end together")
 
 
 def _ending(branch: Branch, x: float) -> list[set[int]]:
@@ -357,11 +373,10 @@ def _snap(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) ->
 
     at: the stretches into which the parts move.
     """
-    flow = _Flow(branch.memory, x)
-    final = flow.limit(_nudged(branch, x, lead, way, at), branch.displacements(x))
-    landed = _branch_at(branch.memory, x, final, flow.width)
+    final = _Flow(branch.memory, x).limit(_nudged(branch, x, lead, way, at), branch.displacements(x))
+    landed = _branch_at(branch.memory, x, final)
     if landed is None or landed is branch:
-        raise SimulationError("snapping", f"no stable state follows a snap at x = {x!r} m; u = {final.tolist()!r} m", 0.0)
+        raise NoStableState(f"no stable state follows a snap at x = {x!r} m; u = {final.tolist()!r} m")
     return landed, max(branch.energy(x) - landed.energy(x), 0.0)
 
 
@@ -371,11 +386,12 @@ def _nudged(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) 
     The Hessian is that of the stretches `at`, a little inside them: what turns together with `lead` goes back.
     """
     m, u = branch.memory, branch.displacements(x)
-    size = NUDGE * (m.stretch(lead, at[lead]).end - m.stretch(lead, at[lead]).start)
+    falls = m.stretch(lead, at[lead]) or m.stretch(lead, branch.at[lead])
+    size = NUDGE * min(falls.end - falls.start, m.width)
     direction = np.zeros(len(u))
     direction[lead] = way
     free = [i for i, n in enumerate(at) if m.stretch(i, n) is not None]
-    if not (branch.loosens and branch.lead is not None):    # else the string goes slack, and the part moves under no force
+    if not (branch.loosens and branch.lead is not None and way > 0):    # else it goes slack: the part moves under no force
         slopes = []
         for i in free:
             on, room = m.stretch(i, at[i]), size
@@ -393,7 +409,6 @@ class _Flow:
     def __init__(self, m: Memory, x: float):
         self.m, self.x = m, x
         self.end = np.array([part.end for part in m.parts])
-        self.width = max([part.breakpoints[-1] for part in m.parts])
 
     def tension(self, u: np.ndarray) -> float:
         return max(self.m.k * (self.x - math.fsum(u)), 0.0)
@@ -410,7 +425,7 @@ class _Flow:
 
         Where that is so nearly neutral that round-off is all that moves the flow, it is pushed further.
         """
-        u, steps, push = np.clip(u, 0.0, self.end), 0, NUDGE * self.width
+        u, steps, push = np.clip(u, 0.0, self.end), 0, NUDGE * self.m.width
         while True:
             free = ~self._held(u)
             moved = u.copy()
@@ -422,13 +437,14 @@ class _Flow:
                     push *= 10.0
                     u = self._pushed(u, free, push, u - origin)
                     break
-                before = solver.t
+                before, steps = solver.t, steps + 1
                 solver.step()
-                steps += 1
                 if solver.status == "failed" or steps > MAX_STEPS:
-                    raise SimulationError("snapping", f"a snap at x = {self.x!r} m finds no end", 0.0)
+                    raise NoStableState(f"a snap at x = {self.x!r} m finds no end")
                 u = u.copy()
                 u[free] = self._stopped(solver, before, free)
+                if not np.array_equal(u[free], solver.y):
+                    break
 
     def _pushed(self, u: np.ndarray, free: np.ndarray, push: float, onward: np.ndarray) -> np.ndarray:
         """u moved by `push` (m) along the lowest eigenvector, to the side of `onward`."""
@@ -451,7 +467,7 @@ class _Flow:
             whole[free] = v
             return -self.hessian(whole)[np.ix_(free, free)]
 
-        return Radau(rate, 0.0, u[free], math.inf, rtol=FLOW_RTOL, atol=FLOW_ATOL * self.width, jac=jacobian)
+        return Radau(rate, 0.0, u[free], math.inf, rtol=FLOW_RTOL, atol=FLOW_ATOL * self.m.width, jac=jacobian)
 
     def _stopped(self, solver: Radau, before: float, free: np.ndarray) -> np.ndarray:
         """The free parts after a step that began at the time `before`; it ends where the first of them meets a stop."""
@@ -466,7 +482,7 @@ class _Flow:
 
         t = brentq(room, before, solver.t) if room(before) > 0.0 > room(solver.t) else solver.t
         v = dense(t)
-        near = FLOW_RTOL * self.width
+        near = FLOW_RTOL * self.m.width
         return np.where(v >= end - near, end, np.where(v <= near, 0.0, v)) if t < solver.t else np.clip(v, 0.0, end)
 
     def _arrived(self, u: np.ndarray, free: np.ndarray) -> bool:
@@ -476,18 +492,18 @@ class _Flow:
         largest = max(abs(self.m.force(i, v)[1]) for i, v in enumerate(u))
         if not np.linalg.eigvalsh(hessian)[0] > NEUTRAL * largest:
             return False
-        return bool(np.abs(np.linalg.solve(hessian, self.rate(u)[free])).max() <= ARRIVED * self.width)
+        return bool(np.abs(np.linalg.solve(hessian, self.rate(u)[free])).max() <= ARRIVED * self.m.width)
 
 
-def _branch_at(m: Memory, x: float, u: np.ndarray, width: float) -> Branch | None:
+def _branch_at(m: Memory, x: float, u: np.ndarray) -> Branch | None:
     """The branch whose state at x (m) is nearest to u (n,), m; None where none is near."""
-    near, choices = 100.0 * ARRIVED * width, []
+    near, choices = 100.0 * ARRIVED * m.width, []
     for part, v in zip(m.parts, u):
         fits = [n for n, on in enumerate(part.stretches) if on.start - near <= v <= on.end + near]
         choices.append(fits + [len(part.stretches)] * int(v >= part.end - near))
     if math.fsum(u) >= x:
-        resting = [[n for n in fits if n < len(part.stretches) and part.stretches[n].sign > 0 and part.stretches[n].first <= 0.0]
-                   for part, fits in zip(m.parts, choices)]
+        resting = [[n for n in fits if m.stretch(i, n) is not None and m.sign(i, n) > 0 and m.stretch(i, n).first <= 0.0]
+                   for i, fits in enumerate(choices)]
         found = [m.slack(at) for at in product(*resting)]
     else:
         found = [one for at in product(*choices) for one in m.branches(at)

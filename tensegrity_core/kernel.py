@@ -305,8 +305,8 @@ class Kernel:
         return Jq, Jv, ft
 
     def string_law(self, string: int, elongation: float) -> tuple[float, float, float, int]:
-        """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m); where it has memory, on a
-        first loading."""
+        """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m); where it has memory, on
+        a first loading."""
         out = np.empty(3)
         piece = self._library.ts_string_law(self._sim, self._string(string), elongation, _pointer(out))
         return out[0], out[1], out[2], piece
@@ -327,7 +327,8 @@ class Kernel:
         return [Piece(r.lo, r.hi, r.up, r.down, r.loss_up, r.loss_down, r.snapped, bool(r.slack)) for r in rows]
 
     def breakpoints(self, string: int) -> np.ndarray:
-        """Elongations (m) at the ends of the pieces of a string's force curve, from 0; where it has memory, on a first loading."""
+        """Elongations (m) at the ends of the pieces of a string's force curve, from 0; where it has memory, on a first
+        loading."""
         out = np.empty(self._library.ts_breakpoints(self._sim, self._string(string), None, 0))
         self._library.ts_breakpoints(self._sim, string, _pointer(out), len(out))
         return out

@@ -3,8 +3,9 @@
 A law is a chain of smooth pieces: piece 0 is slack (x <= 0), piece p of 1..P has breakpoints[p-1] < x <= breakpoints[p]; a law
 that ends at a stop has a piece P+1 in which the string's own stiffness k takes over, continuous in force.
 
-* Spring, Polynomial, Table: as `elements` says; a piece of a polynomial ends where the force turns, of a table at its points.
-* Beam: three pieces, rising, falling and rising (one, if zeta <= 2), then a stop.
+* Spring, Polynomial, Table: as `elements` says; a piece of a polynomial ends where the force falls for the first time, of a
+  table at its points, but for the last point of a linear one.
+* Beam: two pieces, one up to the force maximum (one at all, if zeta <= 2), then a stop.
 * Parallel: forces add up; a stop of one part stops all.
 * Series: Algorithm 1 of the article for parts of any kind.  All parts bear one force on rising stretches; the one whose stretch
   ends lowest (ties: lowest index) snaps along its own curve until it bears that force again, the others held.
@@ -33,13 +34,14 @@ ROUND_OFF = 1e-12
 class Law:
     """The law of an element.  Make one with `law`.
 
-    pieces: smooth, in order; stretches: the same cut where the force turns; breakpoints: (P+1,) m, ends of the pieces;
+    pieces: smooth, in order, each as far as one curve and one number of snapped parts go; stretches: cut where the force turns;
+    breakpoints: (P+1,) m, ends of the pieces;
     end: elongation at which a stop ends it, m, or inf; end_force: N there.
     """
 
     def __init__(self, pieces: list[Stretch], stretches: list[Stretch]):
-        self.pieces, self.stretches = tuple(pieces), tuple(stretches)
-        self.breakpoints = (0.0, *(piece.end for piece in pieces if piece.end < math.inf))
+        self.pieces, self.stretches = _merged(pieces), tuple(stretches)
+        self.breakpoints = (0.0, *(piece.end for piece in self.pieces if piece.end < math.inf))
         self.end, self.end_force = pieces[-1].end, pieces[-1].last
 
     def piece_of(self, x: float) -> int:
@@ -100,6 +102,17 @@ class Law:
         if number > len(self.pieces):
             return self.end_force + k * (x - self.end), k, 0.0
         return self.pieces[number - 1].curve.value(x)
+
+
+def _merged(pieces: list[Stretch]) -> tuple[Stretch, ...]:
+    """Pieces of one curve as one piece."""
+    found: list[Stretch] = []
+    for one in pieces:
+        if found and one.joined and one.snapped == found[-1].snapped:
+            before = found.pop()
+            one = Stretch(one.curve, before.start, one.end, before.first, one.last, one.snapped, before.joined)
+        found.append(one)
+    return tuple(found)
 
 
 @lru_cache(maxsize=256)
@@ -209,8 +222,10 @@ def _table_curves(table: Table) -> list[tuple[PolynomialCurve, float, float]]:
         curve = PolynomialCurve(a, (value, *row[1:].tolist()), base)
         found.append((curve, a, b))
         base = curve.energy(b)
-    last = PolynomialCurve(x[-1], (f[-1], found[-1][0].value(x[-1])[1]), base)
-    return [*found, (last, x[-1], math.inf)]
+    curve, a, b = found[-1]
+    if len(rows[0]) == 2 or len(x) == 2:    # straight already
+        return [*found[:-1], (curve, a, math.inf)]
+    return [*found, (PolynomialCurve(b, (f[-1], curve.value(b)[1]), base), b, math.inf)]
 
 
 def _parallel(element: Parallel) -> Law:
@@ -274,9 +289,12 @@ class _Snaps:
         return self.parts[i].stretches[self.at[i]]
 
     def _moves_on(self, i: int) -> bool:
-        """Part i goes on to its next stretch, or to its stop; whether it has to snap there."""
-        self.at[i] += 1
-        return self.at[i] < len(self.parts[i].stretches) and self._stretch(i).sign <= 0
+        """Part i, at the end of its stretch, goes on to the next one or to its stop unless it has to snap; whether it has."""
+        stretches, after = self.parts[i].stretches, self.at[i] + 1
+        if after < len(stretches) and stretches[after].sign <= 0:
+            return True
+        self.at[i] = after
+        return False
 
     def _rise(self, moving: list[int], force: float) -> None:
         held = [i for i in range(len(self.parts)) if i not in moving]
@@ -292,14 +310,14 @@ class _Snaps:
 
     def _snap(self, i: int) -> None:
         """Part i goes along its own curve until it bears the force again on a rising stretch."""
-        part, first = self.parts[i], self.at[i]
+        part, first = self.parts[i], self.at[i] + (self._stretch(i).sign > 0)
         others = [j for j in range(len(self.parts)) if j != i]
         held, base = math.fsum(self.u[j] for j in others), math.fsum(self._energy(j) for j in others)
         counted = sum(self._snapped(j) for j in others)
         last = next((n for n in range(first, len(part.stretches))
                      if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force), None)
         if last is None:
-            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so no single "
+            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
                              "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far")
         way = []
         for n in range(first, last + 1):
@@ -344,7 +362,7 @@ class Damping:
     def __init__(self, curves: list[tuple[PolynomialCurve, float, float]], smooth: bool):
         self._curves = [curve for curve, _, _ in curves]
         self._ends = [end for _, _, end in curves[:-1]]
-        self.kinks = () if smooth else tuple(self._ends)
+        self.kinks = () if smooth else tuple(end for end in self._ends if end < math.inf)
 
     def force(self, rate: float) -> float:
         """N at a rate (m/s)."""

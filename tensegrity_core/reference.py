@@ -1,9 +1,13 @@
 """The reference: the article's matrix equations (`equations`), integrated by SciPy with tight tolerances.
 
 Between transitions the right-hand side is smooth: each string holds a *piece* of its force curve (0 slack; 1 taut, or
-the pieces of an NSH) and, under the law 'tension_only', whether its tension is *clipped* at zero.  Where a string
-reaches an end of its piece the step is repeated so that it ends there, the piece changes, and the integration restarts.
-The instant is found on SciPy's dense output and then corrected by Newton steps until the gap is at round-off.
+the pieces of an NSH or another element), with memory a *branch*, and, under the law 'tension_only', whether its tension
+is *clipped* at zero.  Where a string reaches an end of its piece the step is repeated so that it ends there, the piece
+changes, and the integration restarts.  The instant is found on SciPy's dense output and then corrected by Newton steps
+until the gap is at round-off.  What a snap of a string with memory loses counts as dissipated at that instant.
+
+Two things are left to the solver's error control: the kinks of a damper given by points, and the square root in which a
+branch's force ends at a fold.
 
 Bar lengths.  l_i = |b_i| of the current state stands in lambda, so that a deviation grows linearly only (with the
 nominal lengths it grows exponentially).  On top, `on_constraints` puts N and Ndot back on |b_i| = l_i, b_i . bdot_i = 0
@@ -43,7 +47,7 @@ from .equations import (
     structure,
 )
 from .errors import InputError, SimulationError
-from .hysteresis import follow
+from .hysteresis import NoStableState, follow
 from .inputs import Inputs
 from .model import Model
 from .moved import jumped, path
@@ -418,8 +422,16 @@ class _Run:
         branches, losses = dict(mode.branches), {}
         for j, branch in mode.branches.items():
             if change[0, j] or change[1, j]:
-                branches[j], losses[j] = branch.above() if change[1, j] else branch.below()
+                branches[j], losses[j] = self._snapping(t, branch.above if change[1, j] else branch.below)
         return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0), branches), losses
+
+    @staticmethod
+    def _snapping(t: float, change, *arguments):
+        """change(*arguments), a change of branch; without a stable state after it the run ends."""
+        try:
+            return change(*arguments)
+        except NoStableState as failure:
+            raise SimulationError("snapping", str(failure), float(t)) from failure
 
     def _followed(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
         """The mode once every string with memory has followed to its elongation, and what snaps on the way lose, J.
@@ -428,7 +440,7 @@ class _Run:
         """
         stretch, branches, losses = self.strings(t, y, mode).stretch, {}, {}
         for j, branch in mode.branches.items():
-            branches[j], events = follow(branch, stretch.item(j))
+            branches[j], events = self._snapping(t, follow, branch, stretch.item(j))
             losses[j] = sum(event.loss for event in events)
         mode = mode_of(self.s, mode.piece, mode.clipped, branches)
         rates = self.strings(t, y, mode).rate
@@ -439,11 +451,14 @@ class _Run:
             if abs(leads) < AT_REST:
                 leads = self.stretch_acceleration(t, y, mode).item(j)
             if leads > 0.0 and x >= mode.upper[j] - TOGETHER[0]:
-                branches[j], loss = branches[j].above()
-            elif x <= mode.lower[j] + TOGETHER[0] and (leads < 0.0 or not branches[j].below()[0].taut):
-                branches[j], loss = branches[j].below()
+                after, loss = self._snapping(t, branches[j].above)
+            elif x <= mode.lower[j] + TOGETHER[0]:
+                after, loss = self._snapping(t, branches[j].below)
+                if leads >= 0.0 and after.taut:
+                    continue
             else:
                 continue
+            branches[j] = after
             losses[j] += loss
         return mode_of(self.s, mode.piece, mode.clipped, branches), losses
 

@@ -668,7 +668,7 @@ def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
             key = f"nsh.{name}.zeta[{at}]"
             yield from _beam_errors(scene, key, zeta, nsh.beams)
             if zeta >= 8.0 and nsh.law == "single_valued":
-                problem = "makes the beam bistable, which means nothing without memory: its force falls below 0 before it returns"
+                problem = "makes the beam bistable, which means nothing without memory: its force falls below 0"
                 yield scene.error(key, problem, 'Write law = "hysteretic", or choose zeta < 8.')
 
 
@@ -753,7 +753,8 @@ def _check_dampers(scene: Scene) -> Iterator[SceneError]:
         elif entry.rate is None and entry.force is None:
             yield scene.error(f"dampers.{name}", "has no law", "Give coefficients, or rate and force.")
         else:
-            yield from _key_errors(scene, f"dampers.{name}", entry, "a damper with points", ("rate", "force"), ("interpolation",))
+            keys = ("rate", "force"), ("interpolation",)
+            yield from _key_errors(scene, f"dampers.{name}", entry, "a damper with points", *keys)
             yield from _point_errors(scene, f"dampers.{name}", "rate", entry.rate, entry.force)
 
 

@@ -291,7 +291,7 @@ def build_model(scene: Scene) -> Model:
     if scene.start == "settled":
         try:
             model = settle(model)
-        except NoEquilibrium as failure:
+        except (NoEquilibrium, hysteresis.NoStableState) as failure:
             remedy = 'Change the prestress or the coordinates, or write start = "released".'
             raise scene.error("start", str(failure), remedy, scene.start) from None
     return replace(model, current=_holding_currents(model))
@@ -324,10 +324,10 @@ def _require_laws(scene: Scene) -> None:
             raise scene.error(f"strings.{name}.element", *_two_parts(failure)) from None
 
 
-def _two_parts(failure: InputError) -> tuple[str, str]:
+def _two_parts(failure: TensegrityError) -> tuple[str, str]:
     """Problem and remedy of an error about a law, whose message has them on the two sides of a semicolon."""
     problem, _, remedy = str(failure).rpartition("; ")
-    return problem, f"{remedy[:1].upper()}{remedy[1:]}."
+    return problem or remedy, f"{remedy[:1].upper()}{remedy[1:]}." if problem else "Change the element or the stiffness."
 
 
 def _stiffness(scene: Scene, string: str) -> float:
@@ -441,7 +441,7 @@ def _rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray
         pull = float(tension[i])
         try:
             stretch = string_elongation(model, i, pull)
-        except InputError as failure:
+        except (InputError, hysteresis.NoStableState) as failure:
             key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
             raise scene.error(key, *_two_parts(failure)) from None
         rest_length[i] = length[i] - stretch
@@ -750,10 +750,10 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     settled = replace(model, nodes=nodes, rest_length=goal)
     anew = string_branches(settled, _lengths(nodes, model.strings))
     for i, branch in branches.items():
-        if anew[i] is not branch:
+        if anew[i] != branch:
             name, count = model.string_names[i], anew[i].snapped
-            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it from slack "
-                                f"leaves {count} so, and a start has no other memory")
+            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it "
+                                f"from slack leaves {count} so, and a start has no other memory")
     return settled
 
 

@@ -158,6 +158,8 @@ SECTIONS = {
     "`[materials.NAME]`": "Material",
     "`[nsh.NAME]`": "Honeycomb",
     "`[actuators.NAME]`": "Actuator",
+    "`[elements.NAME]`": "Element",
+    "`[dampers.NAME]`": "Damper",
     "`[prestress]`": "Prestress",
 }
 

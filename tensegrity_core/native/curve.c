@@ -1,10 +1,10 @@
-/* Force curves of strings: pieces of polynomials in the elongation, evaluated in constant time, as a graph that says which piece
- * follows where one is left, and what that costs.
+/* Force curves of strings: pieces of polynomials in the elongation, evaluated in constant time, as a graph that says which
+ * piece follows where one is left, and what that costs.
  *
  * A law that is a function of the elongation is a chain of pieces, each joining the next without loss.  A law with memory
- * (hysteresis.c) has several pieces at one elongation, and pieces that end at a fold: there the force depends on the distance s^2
- * from the fold by powers of s, and so do the polynomials.  Past a fold the force stays as it is there, so that a trial step
- * may look beyond. */
+ * (hysteresis.c) has several pieces at one elongation, and pieces that end at a fold: there the force depends on the
+ * distance s^2 from the fold by powers of s, and so do the polynomials.  Past a fold the force stays as it is there, so that
+ * a trial step may look beyond. */
 #include "internal.h"
 
 #include <math.h>
@@ -46,13 +46,14 @@ double ts_row_width(const ts_piece *p, int row, double *begin)
     int octave = row / p->each, n = row % p->each, lower = p->octaves[0];
     if (p->kind == TS_OPEN) {
         double from = ldexp(1.0, octave), w = from / p->scale / p->each;
-        *begin = p->lo + (from - 1.0) / p->scale + n * w;
+        *begin = p->origin + (from - 1.0) / p->scale + n * w;
         return w;
     }
     int upper = octave >= lower, far = upper ? octave - lower : lower - 1 - octave; /* octaves from the middle */
     int last = far == (upper ? p->octaves[1] : lower) - 1;
-    double reach = ldexp(0.5 * (p->hi - p->lo), -far), from = last ? 0.0 : 0.5 * reach, w = (reach - from) / p->each;
-    *begin = upper ? p->hi - reach + n * w : p->lo + from + n * w;
+    double whole = 1.0 / p->scale, reach = ldexp(0.5 * whole, -far), from = last ? 0.0 : 0.5 * reach;
+    double w = (reach - from) / p->each;
+    *begin = p->origin + (upper ? whole - reach + n * w : from + n * w);
     return w;
 }
 
@@ -62,12 +63,12 @@ static const double *uneven_row(const ts_piece *p, const double *table, double x
     int octave = 0;
     double begin;
     if (p->kind == TS_OPEN) {
-        double place = 1.0 + (x - p->lo) * p->scale;
+        double place = 1.0 + (x - p->origin) * p->scale;
         if (place >= 2.0) octave = ilogb(place) < TS_OCTAVES ? ilogb(place) : TS_OCTAVES - 1;
     } else {
-        double half = 0.5 * (p->hi - p->lo);
-        int upper = x - p->lo > half, count = p->octaves[upper];
-        double part = (upper ? p->hi - x : x - p->lo) / half; /* 1 in the middle */
+        double place = 2.0 * (x - p->origin) * p->scale;
+        int upper = place > 1.0, count = p->octaves[upper];
+        double part = upper ? 2.0 - place : place; /* 1 in the middle */
         int far = part >= 1.0 ? 0 : part > 0.0 && -1 - ilogb(part) < count ? -1 - ilogb(part) : count - 1;
         octave = upper ? p->octaves[0] + far : p->octaves[0] - 1 - far;
     }
@@ -209,35 +210,6 @@ double ts_piece_integrate(const ts_piece *p, double *table, double energy)
     return start + whole;
 }
 
-/* Coefficients in t = 0..1 of the polynomial through the Chebyshev points of [a, a + w] (Newton's divided differences). */
-static void fit_row(double (*force)(void *, double), void *law, double a, double w, double *coef)
-{
-    static const double t[TS_DEGREE + 1] = { /* (1 - cos((2 i + 1) pi/16))/2; written out: libraries differ in cos */
-        0.009607359798384785, 0.08426519384872738, 0.22221488349019886, 0.40245483899193585,
-        0.5975451610080641, 0.777785116509801, 0.9157348061512727, 0.9903926402016152};
-    double d[TS_DEGREE + 1];
-    for (int i = 0; i <= TS_DEGREE; i++) d[i] = force(law, a + w * t[i]);
-    for (int k = 1; k <= TS_DEGREE; k++)
-        for (int i = TS_DEGREE; i >= k; i--) d[i] = (d[i] - d[i - 1]) / (t[i] - t[i - k]);
-    for (int i = 0; i <= TS_DEGREE; i++) coef[i] = 0.0;
-    for (int k = TS_DEGREE; k >= 0; k--) { /* Horner on the Newton form */
-        for (int i = TS_DEGREE; i >= 1; i--) coef[i] = coef[i - 1] - t[k] * coef[i];
-        coef[0] = d[k] - t[k] * coef[0];
-    }
-}
-
-/* Fit one row over [a, a + w]; its largest error at the ends and between, N. */
-double ts_fit_row(double (*force)(void *, double), void *law, double a, double w, double *row)
-{
-    double worst = 0.0;
-    fit_row(force, law, a, w, row + 1);
-    for (int k = 0; k <= 4; k++) {
-        double t = 0.25 * k, error = fabs(ts_polynomial(row + 1, t) - force(law, a + t * w));
-        if (error > worst) worst = error;
-    }
-    return worst;
-}
-
 void ts_curve_free(ts_curve *c)
 {
     free(c->table);
@@ -263,8 +235,8 @@ int ts_curve_piece(const ts_curve *c, double x)
     return ts_curve_walk(c, 0, x, 0.0, &loss);
 }
 
-/* Piece where a string ends up whose elongation goes from where `piece` holds it to x, and adds to loss (J) what the snaps on the
- * way dissipate.  guard: m, that an end may be passed. */
+/* Piece where a string ends up whose elongation goes from where `piece` holds it to x, and adds to loss (J) what the snaps
+ * on the way dissipate.  guard: m, that an end may be passed. */
 int ts_curve_walk(const ts_curve *c, int piece, double x, double guard, double *loss)
 {
     for (int n = 0; n <= 2 * c->pieces; n++) {

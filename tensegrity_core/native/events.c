@@ -43,9 +43,9 @@ static double raw_tension(const ts_sim *sim, int i, double gap, double rate, dou
 
 static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]; }
 
-/* Pieces of all strings from the elongations, at the start of a step whose inputs jumped; a string with memory goes there from its
- * present piece.  An elongation on an end belongs to the piece it is moving into; at rest, to the lower one, or where there is memory
- * to the present one.  Returns what snaps on the way dissipate, J. */
+/* Pieces of all strings from the elongations, at the start of a step whose inputs jumped; a string with memory goes there
+ * from its present piece.  An elongation on an end belongs to the piece it is moving into; at rest, to the lower one, or where
+ * there is memory to the present one.  Returns what snaps on the way dissipate, J. */
 double ts_place_all(ts_sim *sim)
 {
     double lost = 0.0;

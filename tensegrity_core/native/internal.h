@@ -49,7 +49,8 @@ typedef struct {
     int32_t snapped;           /* beams past their force maximum */
     int32_t each, octaves[2];  /* rows of an octave, octaves from the lower and from the upper end */
     double lo, hi;             /* m, ends */
-    double origin, scale;      /* m, rows per m: where the first row begins; of folds m^(1/2) */
+    double origin, scale;      /* m, 1/m: where the first row begins, and rows per length (of folds: of s); of a graded
+                                * piece the inverse of its length, of an open one that of its first octave's */
     double force, energy;      /* N, J: at lo of a straight piece; the energy of a slack one */
     double loss_up, loss_down; /* J, what a snap there dissipates */
 } ts_piece;
@@ -105,7 +106,7 @@ typedef struct {
     int32_t *mover;                 /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
     int32_t *mover_bar;             /* (E) bar that is pinned there, -1: none */
     int32_t *winder;                /* (S) actuator that winds the string, or -1 */
-    int32_t driven;                 /* there is drag, a moved node or an actuator, see drives.c */
+    int32_t driven;                 /* there is a point mass, drag, a moved node or an actuator, see drives.c */
     const double *velocity;         /* (N, D) start velocities, m/s */
     double *anchor;                 /* (N, D) what the node's position adds to, m */
     double *bar_length;             /* (B) m */

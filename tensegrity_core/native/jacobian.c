@@ -14,7 +14,8 @@ ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, cons
 {
     int lanes = sim->m.lanes;
     double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
-    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
+    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
     if (sim->m.damped_count) {
         double by_rate;
         ts_damping_law(sim, i, sim->gap_rate[i], &by_rate);

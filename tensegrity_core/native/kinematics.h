@@ -8,8 +8,10 @@
 
 #if defined(__GNUC__)
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
+#define APART __attribute__((noinline)) /* what is rare stays out of the way of what is not */
 #else
 #define ALWAYS_INLINE static inline
+#define APART
 #endif
 
 /* Call body(..., D) with D known to the compiler. */

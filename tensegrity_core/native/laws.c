@@ -1,7 +1,8 @@
-/* Force laws of strings, read from their programs (model.py) and compiled into monotone stretches of polynomials, then into curves.
+/* Force laws of strings, read from their programs (model.py) and compiled into monotone stretches of polynomials, then into
+ * curves.
  *
- * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in series
- * (series.c), holds polynomials through its exact values, as far apart as TS_FIT_ERROR allows. */
+ * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in
+ * series (series.c), holds polynomials through its exact values, as far apart as TS_FIT_ERROR allows. */
 #include "laws.h"
 
 #include <math.h>
@@ -9,8 +10,7 @@
 #include <string.h>
 
 #define WIDE 1024.0 /* m, subinterval of exact stretches without end: a power of two changes no digits */
-#define MOST_OCTAVES 40
-#define MOST_EACH 64
+#define SAME 1e-6 /* of an interval: places that are one */
 #define SAMPLES 64  /* of the slope of a fitted sum, to find its extrema */
 
 enum { SPRING, BEAM, POLYNOMIAL, TABLE, PARALLEL, SERIES, KINDS }; /* as in model.py */
@@ -35,9 +35,11 @@ static void append(ts_law *law, ts_stretch stretch)
 }
 
 /* Append a stretch whose force is sum c_k (u - lo)^k, k = 0..TS_DEGREE; it is monotone there. */
-static void append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped, int smooth)
+static void append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped,
+                              int smooth)
 {
-    double *table = realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1)), w = hi < INFINITY ? hi - lo : WIDE;
+    double *table = realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1));
+    double w = hi < INFINITY ? hi - lo : WIDE;
     if (!table) {
         law->reason = "out of memory";
         return;
@@ -47,7 +49,7 @@ static void append_polynomial(ts_law *law, double lo, double hi, const double *c
     for (int k = 0; k <= TS_DEGREE; k++, power *= w) row[1 + k] = c[k] * power;
     ts_piece p = {.kind = TS_ROWS, .rows = 1, .first = law->rows++, .snapped = snapped, .lo = lo, .hi = hi, .origin = lo,
                   .scale = 1.0 / w};
-    append(law, (ts_stretch){p, {c[0], end_force}, way, smooth});
+    append(law, (ts_stretch){p, {c[0], way ? end_force : c[0]}, way, smooth});
 }
 
 static double value(const double *c, double y)
@@ -114,13 +116,24 @@ static double limit(const double *c)
     return c[0];
 }
 
-/* Append sum c_k (u - lo)^k on [lo, hi], cut at its extrema.  smooth: of the first stretch. */
-static void append_cut(ts_law *law, double lo, double hi, const double *c, int snapped, int smooth)
+/* Extrema that are none: a polynomial whose slope vanishes at its end may find it again beside it. */
+static int drop_ends(double *turns, int n, double width)
+{
+    int kept = 0;
+    for (int i = 0; i < n; i++)
+        if (turns[i] > SAME * width && turns[i] < (1.0 - SAME) * width) turns[kept++] = turns[i];
+    return kept;
+}
+
+/* Append sum c_k (u - lo)^k on [lo, hi], cut at its extrema.  start: the force at lo; smooth: of the first stretch. */
+static void append_cut(ts_law *law, double lo, double hi, const double *c, double start, int snapped, int smooth)
 {
     double slope[TS_DEGREE + 1], turns[TS_DEGREE + 2], here[TS_DEGREE + 1], next[TS_DEGREE + 1], at = 0.0;
     derive(c, slope);
     int n = sign_changes(slope, 0.0, hi < INFINITY ? hi - lo : last_zero(c), turns);
+    if (hi < INFINITY) n = drop_ends(turns, n, hi - lo);
     memcpy(here, c, sizeof here);
+    here[0] = start;
     turns[n] = hi - lo;
     for (int i = 0; i <= n; i++) {
         double middle = i < n || hi < INFINITY ? 0.5 * (at + turns[i]) : 2.0 * at + 1.0;
@@ -129,7 +142,8 @@ static void append_cut(ts_law *law, double lo, double hi, const double *c, int s
             next[1] = 0.0;
         }
         double end = i < n ? next[0] : hi < INFINITY ? value(c, hi - lo) : limit(c);
-        append_polynomial(law, lo + at, i < n ? lo + turns[i] : hi, here, end, sign(value(slope, middle)), snapped, i ? 1 : smooth);
+        int way = sign(value(slope, middle));
+        append_polynomial(law, lo + at, i < n ? lo + turns[i] : hi, here, end, way, snapped, i ? 1 : smooth);
         at = turns[i];
         memcpy(here, next, sizeof here);
     }
@@ -152,7 +166,7 @@ static void compile_polynomial(ts_law *law, const double *coefficients, int coun
 {
     double c[TS_DEGREE + 1] = {0.0};
     memcpy(c + 1, coefficients, sizeof(double) * (size_t)count);
-    append_cut(law, 0.0, INFINITY, c, 0, 0);
+    append_cut(law, 0.0, INFINITY, c, 0.0, 0, 0);
 }
 
 /* Slope at an end (Moler's formula as in SciPy's PchipInterpolator). */
@@ -180,6 +194,12 @@ static double pchip_slope(const double *x, const double *f, int n, int i)
 static void compile_table(ts_law *law, const double *x, const double *f, int n, int cubic)
 {
     double slope = 0.0;
+    int rising = x[0] == 0.0 && f[0] == 0.0;
+    for (int i = 0; i + 1 < n; i++) rising = rising && x[i + 1] > x[i];
+    if (!rising) {
+        law->reason = "a table does not increase from (0, 0)";
+        return;
+    }
     for (int i = 0; i + 1 < n; i++) {
         double h = x[i + 1] - x[i], m = (f[i + 1] - f[i]) / h, c[TS_DEGREE + 1] = {f[i], m};
         slope = m;
@@ -237,7 +257,7 @@ double ts_law_inverse(const ts_law *law, int stretch, double f, double guess)
     const ts_stretch *s = law->s + stretch;
     double a = s->p.lo, b = s->p.hi, way = s->way, slope;
     if (way * (f - s->force[0]) <= 0.0) return a; /* extrema are met exactly */
-    if (way * (f - s->force[1]) >= 0.0) return b;
+    if (f == s->force[1] || way * (f - s->force[1]) >= 0.0) return b;
     if (!(b < INFINITY)) {
         double w = 1.0 / s->p.scale;
         if (s->p.kind == TS_ROWS) w = 1e-3;
@@ -281,140 +301,44 @@ static double sum_force(void *at, double u)
     return sum_of(at, u, &slope);
 }
 
-/* As many equal rows in s as a piece with a fold takes. */
-static const char *fit_fold(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
+/* Where the sum's slope changes its sign in (lo, hi), from lo, in order: between samples, by bisection. */
+static int turns_of(const sum *s, double lo, double hi, double *turns)
 {
-    double last = INFINITY, range = sqrt(p->hi - p->lo);
-    for (p->rows = 1;; p->rows *= 2) {
-        double worst = 0.0, w = range / p->rows;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, more + TS_ROW * (*rows + i)));
-        if (worst <= error || p->rows >= TS_MAX_ROWS || (worst <= 50.0 * error && worst > 0.25 * last)) { /* no more digits there */
-            p->first = *rows;
-            p->scale = p->rows / range;
-            *rows += p->rows;
-            return NULL;
+    int n = 0;
+    double width = hi - lo, before, slope, d;
+    sum_of(s, lo + SAME * width, &before);
+    for (int i = 1; i <= SAMPLES; i++, before = slope) {
+        double a = lo + width * fmax((i - 1.0) / SAMPLES, SAME), b = lo + width * fmin((double)i / SAMPLES, 1.0 - SAME);
+        sum_of(s, b, &slope);
+        if (!(before * slope < 0.0)) continue;
+        for (double m = 0.5 * (a + b); m > a && m < b; m = 0.5 * (a + b)) {
+            sum_of(s, m, &d);
+            if (d * before > 0.0) a = m; else b = m;
         }
-        last = worst;
+        turns[n++] = b - lo;
     }
+    return drop_ends(turns, n, width);
 }
 
-/* How many octaves from one end of a graded piece it takes with `each` rows in an octave; 0: more rows are needed. */
-static int octaves(ts_piece *p, int upper, double (*force)(void *, double), void *at, double error)
-{
-    double row[TS_ROW], begin;
-    for (int count = 1; count <= MOST_OCTAVES; count++) {
-        int fits = 1;
-        p->octaves[upper] = count + 1;
-        for (int i = 0; i < p->each && count > 1 && fits; i++) { /* the last but one is complete now */
-            int octave = upper ? p->octaves[0] + count - 2 : 2;
-            double w = ts_row_width(p, octave * p->each + i, &begin);
-            fits = ts_fit_row(force, at, begin, w, row) <= error;
-        }
-        if (!fits) return 0;
-        p->octaves[upper] = count;
-        for (int i = 0; i < p->each && fits; i++) {
-            double w = ts_row_width(p, (upper ? p->octaves[0] + count - 1 : 0) * p->each + i, &begin);
-            fits = ts_fit_row(force, at, begin, w, row) <= error;
-        }
-        if (fits) return count;
-    }
-    return MOST_OCTAVES;
-}
-
-static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
-{
-    double begin;
-    for (p->each = 1; p->each <= MOST_EACH; p->each *= 2) {
-        p->octaves[0] = octaves(p, 0, force, at, error);
-        if (!p->octaves[0]) continue;
-        p->octaves[1] = octaves(p, 1, force, at, error);
-        if (p->octaves[1]) break;
-    }
-    if (p->each > MOST_EACH) p->each = MOST_EACH, p->octaves[0] = p->octaves[1] = 20; /* as good as it gets */
-    p->rows = p->each * (p->octaves[0] + p->octaves[1]);
-    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-    if (!more) return "out of memory";
-    *table = more;
-    p->first = *rows;
-    p->scale = 1.0;
-    *rows += p->rows;
-    for (int i = 0; i < p->rows; i++) {
-        double w = ts_row_width(p, i, &begin);
-        ts_fit_row(force, at, begin, w, more + TS_ROW * (p->first + i));
-    }
-    return NULL;
-}
-
-/* Fit rows to a piece whose kind, graded or with a fold, and ends are set. */
-const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
-{
-    return (p->kind == TS_GRADED ? fit_graded : fit_fold)(p, table, rows, force, at, error);
-}
-
-/* Rows of a piece without end: octaves of 1 + (x - lo)/w, fitted relative to the force in each row or `size`, N. */
-const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double w,
-                        double size)
-{
-    p->kind = TS_OPEN;
-    p->first = *rows;
-    p->scale = 1.0 / w;
-    for (p->each = 1;; p->each *= 2) {
-        double worst = 0.0, begin;
-        p->rows = p->each * TS_OCTAVES;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) {
-            double width = ts_row_width(p, i, &begin), *row = more + TS_ROW * (*rows + i);
-            double error = ts_fit_row(force, at, begin, width, row);
-            worst = fmax(worst, error / fmax(size, ts_polynomial(row + 1, 1.0)));
-        }
-        if (worst > TS_FIT_ERROR && p->rows < TS_MAX_ROWS) continue;
-        *rows += p->rows;
-        return NULL;
-    }
-}
-
-/* Append the sum on [lo, hi], which no polynomial gives: fitted, cut where its slope changes its sign. */
+/* Append the sum on [lo, hi], which no polynomial gives: fitted, cut at its extrema. */
 static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, double size)
 {
-    double from = lo, a = lo, slope, before;
-    sum_of(s, lo + (hi - lo) / (2.0 * SAMPLES), &before);
-    for (int i = 1; i <= SAMPLES; i++) {
-        double b = i < SAMPLES ? lo + (hi - lo) * i / SAMPLES : hi, to = hi;
-        sum_of(s, i < SAMPLES ? b : hi - (hi - lo) / (2.0 * SAMPLES), &slope);
-        if (before * slope < 0.0) {
-            for (to = 0.5 * (a + b); b - a > 4e-16 * b; to = 0.5 * (a + b)) {
-                double d;
-                sum_of(s, to, &d);
-                if (d * before > 0.0) a = to; else b = to;
-            }
-        } else if (i < SAMPLES) {
-            a = b;
-            continue;
-        }
-        for (int rest = 0; rest < 2; rest++) { /* up to an extremum, and on to the end where it lies in the last interval */
-            double d, ends[2] = {sum_of(s, from, &d), sum_of(s, to, &d)};
-            ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
-            const char *reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
-            if (reason) law->reason = reason;
-            append(law, (ts_stretch){p, {ends[0], ends[1]}, sign(ends[1] - ends[0]), 0});
-            from = to;
-            if (to >= hi || i < SAMPLES) break;
-            to = hi;
-        }
-        before = slope;
-        a = lo + (hi - lo) * i / SAMPLES;
+    double turns[SAMPLES + 1], from = lo, slope;
+    int n = turns_of(s, lo, hi, turns);
+    for (int i = 0; i <= n && !law->reason; i++) {
+        double to = i < n ? lo + turns[i] : hi, start = law->n ? law->s[law->n - 1].force[1] : 0.0, end = sum_of(s, to, &slope);
+        ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
+        law->reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
+        append(law, (ts_stretch){p, {start, end}, sign(end - start), 0});
+        from = to;
     }
 }
 
 /* Append the sum from lo on, monotone and without end. */
 static void append_open_sum(ts_law *law, sum *s, double lo, int snapped, double size)
 {
-    double slope, force = sum_of(s, lo, &slope), beyond;
+    double slope, force = law->n ? law->s[law->n - 1].force[1] : 0.0, beyond;
+    sum_of(s, lo, &slope);
     ts_piece p = {.snapped = snapped, .lo = lo, .hi = INFINITY};
     sum_of(s, 2.0 * lo + 1e-3, &beyond);
     if (slope * beyond < 0.0) law->reason = "parts in parallel have an extremum where one of them is a series without end";
@@ -440,7 +364,7 @@ static void append_exact_sum(ts_law *law, const sum *s, double lo, double hi, in
         shift(c, lo - p->lo, here);
         for (int k = 0; k <= TS_DEGREE; k++) total[k] += here[k];
     }
-    append_cut(law, lo, hi, total, snapped, smooth);
+    append_cut(law, lo, hi, total, law->n ? law->s[law->n - 1].force[1] : 0.0, snapped, smooth);
 }
 
 /* Parts in parallel: on the united stretches, up to the first stop. */
@@ -488,9 +412,12 @@ static int next_int(program *p, int least, int most)
     return *p->ints++;
 }
 
+/* The next `count` numbers; NULL where there are none, or not finite ones. */
 static const double *next_values(program *p, int count)
 {
     if (p->values_end - p->values < count) return NULL;
+    for (int i = 0; i < count; i++)
+        if (!isfinite(p->values[i])) return NULL;
     p->values += count;
     return p->values - count;
 }
@@ -531,16 +458,31 @@ static void compile_parts(ts_law *law, program *p, int kind, int depth)
     free_parts(part, n);
 }
 
+/* A polynomial or table counts as snapped from its first falling stretch on. */
+static void count_snaps(ts_law *law)
+{
+    for (int i = 0, falls = 0; i < law->n; i++) law->s[i].p.snapped = falls |= law->s[i].way < 0;
+}
+
+static int all_positive(const double *v, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (!(v[i] > 0.0)) return 0;
+    return 1;
+}
+
 static void compile(ts_law *law, program *p, int depth)
 {
     int kind = depth < 64 ? next_int(p, 0, KINDS - 1) : -1, count, cubic;
     const double *v = NULL;
     switch (kind) {
     case SPRING:
-        if ((v = next_values(p, 1))) compile_polynomial(law, v, 1);
+        if ((v = next_values(p, 1)) && all_positive(v, 1)) compile_polynomial(law, v, 1);
+        else law->reason = "a spring's stiffness is not positive";
         break;
     case BEAM:
-        if ((v = next_values(p, 3))) ts_law_beam(law, v[0], v[1], v[2]);
+        if ((v = next_values(p, 3)) && all_positive(v, 3)) ts_law_beam(law, v[0], v[1], v[2]);
+        else law->reason = "a beam's parameter is not positive";
         break;
     case POLYNOMIAL:
         count = next_int(p, 1, TS_DEGREE);
@@ -558,6 +500,7 @@ static void compile(ts_law *law, program *p, int depth)
         break;
     }
     if (!v && !law->reason) law->reason = "a force law is damaged";
+    if (kind == POLYNOMIAL || kind == TABLE) count_snaps(law);
     double energy = 0.0;
     for (int i = 0; i < law->n && !law->reason; i++) {
         const ts_piece *piece = &law->s[i].p;
@@ -582,7 +525,8 @@ void ts_law_compile(ts_law *law, const ts_model *m, int32_t first_int, int32_t f
 /* Is the law there a series with memory? */
 int ts_law_has_memory(const ts_model *m, int32_t first_int)
 {
-    return first_int >= 0 && first_int + 2 < m->program_ints && m->program[first_int] == SERIES && m->program[first_int + 2] == 1;
+    if (first_int < 0 || first_int + 2 >= m->program_ints) return 0;
+    return m->program[first_int] == SERIES && m->program[first_int + 2] == 1;
 }
 
 /* Its parts; a reason why not, or NULL. */
@@ -638,7 +582,9 @@ const char *ts_law_curve(ts_curve *c, const ts_law *law)
     double stop = last->hi;
     if (stop < INFINITY) {
         double force = ts_piece_force(last, c->table, INFINITY, stop, 0.0, &slope);
-        ts_piece end = {.kind = TS_STRAIGHT, .snapped = last->snapped, .lo = stop, .hi = INFINITY, .force = force, .energy = energy};
+        ts_piece end = {.kind = TS_STRAIGHT, .snapped = last->snapped, .lo = stop, .hi = INFINITY};
+        end.force = force;
+        end.energy = energy;
         c->piece[c->pieces++] = end;
     }
     ts_curve_chain(c);

@@ -23,8 +23,8 @@ typedef struct {
     const char *reason; /* why it cannot be compiled, or NULL */
 } ts_law;
 
-/* Parts in series, each on a stretch of its law or, where at[j] is their number, at its stop.  One part, the leader, moves one way
- * as the elongation grows, and all else follows from its own elongation. */
+/* Parts in series, each on a stretch of its law or, where at[j] is their number, at its stop.  One part, the leader, moves
+ * one way as the elongation grows, and all else follows from its own elongation. */
 typedef struct {
     const ts_law *part;
     const int32_t *at;

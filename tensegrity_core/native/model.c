@@ -79,7 +79,8 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->mover, N), TAKE(m->mover_bar, m->count[TS_E]), TAKE(m->winder, S), TAKE(sim->laden, m->blocks), TAKE(sim->extra_mass, N);
     TAKE(sim->base, 5 * m->count[TS_E] * D), TAKE(sim->base_now, 3 * m->count[TS_E] * D);
     TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
-    TAKE(m->y_start, m->stride), TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
+    TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S);
+    TAKE(m->y_start, m->stride), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
     TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
     TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->damping, S);
     TAKE(sim->curve_key, 2 * (3 * m->count[TS_Z] + S));
@@ -223,7 +224,7 @@ static const char *lay_out_drives(ts_model *m)
     }
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->fixed[m->dragged[r]]) return "a node with drag is fixed";
-    m->driven = m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
+    m->driven = m->count[TS_P] + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
     return NULL;
 }
 

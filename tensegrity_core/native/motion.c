@@ -4,13 +4,14 @@
  *     centre of a free bar:   r'' = Q/m
  *     vector of a free bar:   b'' = (12/m) P Q - (|b'|^2/|b|^2) b,   Q = (f2 - f1)/2
  *     pinned bar:             c'' = (3/m) P Q - (|c'|^2/|c|^2) c,    Q = f_tip
- * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of mass,
- * see drives.c; so do drag, moved nodes and actuators add to what stands here.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
+ * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of
+ * mass; they, drag, moved nodes and actuators stand in drives.c.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
  *
  * The state is y = [q, q', dissipated, input work, throughput].  External forces are mostly constant over a step; their work is
  * then a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
- * planar scene is computed in the plane.  What concerns all strings alike is worked out for two of them at a time. */
+ * planar scene is computed in the plane, and those with a parameter `driven` also without what drives.c adds.  What concerns all
+ * strings alike is worked out for two of them at a time. */
 #include "kinematics.h"
 
 #include <math.h>
@@ -123,26 +124,28 @@ double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
 }
 
 /* Node positions and velocities from the blocks, side by side. */
-ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int moves, const int D)
+ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int driven, const int D)
 {
     for (int i = 0; i < m->pinned_count; i++) {
         const ts_place_of_bar *p = m->pinned + i;
-        const double *base = moves ? x + 2 * D * p->first : m->anchor + p->second * D, *c = q + p->block * D, *cd = v + p->block * D;
+        const double *base = driven ? x + 2 * D * p->first : m->anchor + p->second * D;
+        const double *c = q + p->block * D, *cd = v + p->block * D;
         double *tip = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
             tip[d] = base[d] + c[d];
-            tip[D + d] = moves ? base[D + d] + cd[d] : cd[d];
+            tip[D + d] = driven ? base[D + d] + cd[d] : cd[d];
         }
     }
     for (int i = 0; i < m->floating_count; i++) {
         const ts_place_of_bar *p = m->floating + i;
         const double *r = q + p->block * D, *b = r + D, *rd = v + p->block * D, *bd = rd + D;
+        const double lower = driven ? p->lower : 0.5, upper = driven ? p->upper : 0.5;
         double *first = x + 2 * D * p->first, *second = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
-            first[d] = r[d] - p->lower * b[d];
-            first[D + d] = rd[d] - p->lower * bd[d];
-            second[d] = r[d] + p->upper * b[d];
-            second[D + d] = rd[d] + p->upper * bd[d];
+            first[d] = r[d] - lower * b[d];
+            first[D + d] = rd[d] - lower * bd[d];
+            second[d] = r[d] + upper * b[d];
+            second[D + d] = rd[d] + upper * bd[d];
         }
     }
 }
@@ -191,7 +194,8 @@ static void curve_forces(ts_sim *sim)
     for (int n = 0; n < m->curved_count; n++) {
         int i = m->curved[n];
         double slope;
-        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], sim->values[m->at[TS_STIFFNESS] + i], &slope);
+        double k = sim->values[m->at[TS_STIFFNESS] + i];
+        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
     }
 }
 
@@ -244,18 +248,14 @@ static void bend_rest_lengths(ts_sim *sim, double tau)
 }
 
 /* Kinematics and tensions of all strings: s, s', 1/xi, elongation, rate, f_s, f_d. */
-ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int D)
+ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
-    if (m->count[TS_E]) {
-        ts_move_bases(sim, tau);
-        spread(m, q, v, sim->x, 1, D);
-    } else {
-        spread(m, q, v, sim->x, 0, D);
-    }
-    if (sim->rest_bends || m->count[TS_A]) {
+    if (driven) ts_move_bases(sim, tau);
+    spread(m, q, v, sim->x, driven, D);
+    if (sim->rest_bends || (driven && m->count[TS_A])) {
         bend_rest_lengths(sim, tau);
-        if (m->count[TS_A]) ts_wind(sim, q);
+        if (driven) ts_wind(sim, q);
         stretch(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
     } else {
         stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
@@ -304,11 +304,11 @@ static void external_power(const ts_sim *sim, double tau, const double *v, doubl
 }
 
 /* Rates of the ledger's integrals (W): dampers, rest lengths that move, external forces that move. */
-ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p)
+ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p, const int driven)
 {
     double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
     const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate;
-    const double *rest_rate = sim->rest_bends || sim->m.count[TS_A] ? sim->rest_rate_now : sim->rest_rate;
+    const double *rest_rate = sim->rest_bends || (driven && sim->m.count[TS_A]) ? sim->rest_rate_now : sim->rest_rate;
     for (int i = 0; i < sim->m.lanes; i += TS_LANES)
         for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
     if (sim->rest_moves)
@@ -330,7 +330,7 @@ static void move_forces(const ts_sim *sim, double tau, double *Q)
 }
 
 /* Generalised forces on the blocks. */
-ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int D)
+ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->pinned_count; i++) {
@@ -343,11 +343,11 @@ ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, do
         double *Qr = Q + p->block * D, *Qb = Qr + D;
         for (int d = 0; d < D; d++) {
             Qr[d] = Qg[d] + (f1[d] + f2[d]);
-            Qb[d] = Qg[D + d] + (p->upper * f2[d] - p->lower * f1[d]);
+            Qb[d] = Qg[D + d] + (driven ? p->upper * f2[d] - p->lower * f1[d] : 0.5 * (f2[d] - f1[d]));
         }
     }
     if (sim->forces_move) move_forces(sim, tau, Q);
-    if (m->count[TS_E]) ts_carry(sim, Q);
+    if (driven) ts_carry(sim, Q);
 }
 
 /* Accelerations of a bar vector c from its generalised force, in place. */
@@ -357,17 +357,17 @@ ALWAYS_INLINE void turn(double w, const double *c, const double *cd, double *Q, 
     for (int d = 0; d < D; d++) Q[d] = w * Q[d] - along * c[d];
 }
 
-ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, const int D)
+ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
     int nq = m->nq;
     const double *q = y, *v = y + nq;
     double *a = dy + nq;
-    strings(sim, tau, q, v, D);
+    strings(sim, tau, q, v, driven, D);
     pull(sim, sim->node_force, D);
-    if (m->driven) ts_drag(sim, sim->node_force);
-    ledger_rates(sim, tau, v, dy + 2 * nq);
-    gather(sim, tau, sim->node_force, a, D);
+    if (driven) ts_drag(sim, sim->node_force);
+    ledger_rates(sim, tau, v, dy + 2 * nq, driven);
+    gather(sim, tau, sim->node_force, a, driven, D);
     for (int i = 0; i < nq; i++) dy[i] = v[i];
     for (int i = 0; i < m->pinned_count; i++) {
         int b = m->pinned[i].block;
@@ -378,49 +378,63 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
         for (int d = 0; d < D; d++) a[r * D + d] *= sim->inv[r];
         turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
     }
-    if (!m->driven) return;
+    if (!driven) return;
     ts_motors(sim, tau, v, a);
     for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inv[i / D];
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
 }
 
+APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *dy) { DISPATCH(sim, rhs, sim, tau, y, dy, 1); }
+
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 {
     sim->memory.stats[TS_RHS]++;
-    DISPATCH(sim, rhs, sim, tau, y, dy);
+    if (sim->m.driven) {
+        driven_rhs(sim, tau, y, dy);
+        return;
+    }
+    DISPATCH(sim, rhs, sim, tau, y, dy, 0);
 }
 
 ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
-    if (sim->m.driven) { /* a moved node's power needs the accelerations */
-        rhs(sim, tau, y, sim->lin, D);
-        memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
+    strings(sim, tau, y, y + sim->m.nq, 0, D);
+    ledger_rates(sim, tau, y + sim->m.nq, p, 0);
+}
+
+void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
+{
+    if (!sim->m.driven) {
+        DISPATCH(sim, power, sim, tau, y, p);
         return;
     }
-    strings(sim, tau, y, y + sim->m.nq, D);
-    ledger_rates(sim, tau, y + sim->m.nq, p);
+    driven_rhs(sim, tau, y, sim->lin); /* a moved node's power needs the accelerations */
+    memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
 }
-
-void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER]) { DISPATCH(sim, power, sim, tau, y, p); }
 
 /* Strings' kinematics and tensions, and the generalised forces Q on the blocks: what the Jacobian starts from. */
-ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int D)
+ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int driven, const int D)
 {
-    strings(sim, tau, y, y + sim->m.nq, D);
+    strings(sim, tau, y, y + sim->m.nq, driven, D);
     pull(sim, sim->node_force, D);
-    if (sim->m.driven) ts_drag(sim, sim->node_force);
-    gather(sim, tau, sim->node_force, Q, D);
-    if (sim->m.driven) ts_motors(sim, tau, y + sim->m.nq, Q);
+    if (driven) ts_drag(sim, sim->node_force);
+    gather(sim, tau, sim->node_force, Q, driven, D);
+    if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
 }
 
-void ts_forces(ts_sim *sim, double tau, const double *y, double *Q) { DISPATCH(sim, forces, sim, tau, y, Q); }
+void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
+{
+    if (sim->m.driven) DISPATCH(sim, forces, sim, tau, y, Q, 1);
+    else DISPATCH(sim, forces, sim, tau, y, Q, 0);
+}
 
-ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int D)
+ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int driven,
+                                const int D)
 {
     const ts_model *m = &sim->m;
     double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
     string_vector(m, y, y + m->nq, i, s, sd, D);
-    for (int end = 0; m->count[TS_E] && end < 2; end++) {
+    for (int end = 0; driven && end < 2; end++) {
         double x[3], v[3], sign = end ? 1.0 : -1.0;
         int mover = m->mover[m->strings[2 * i + end]];
         if (mover < 0) continue;
@@ -430,16 +444,25 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
     double xi = sqrt(dot(s, s, D));
     *gap = xi - ts_rest_length(sim, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
-    if (m->winder[i] >= 0) {
+    if (driven && m->winder[i] >= 0) {
         *gap += ts_wound(sim, y, i);
         *rate += ts_wound(sim, y + m->nq, i);
     }
 }
 
+APART static void driven_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
+{
+    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 1);
+}
+
 /* Elongation of one string and its rate. */
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
 {
-    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate);
+    if (sim->m.driven) {
+        driven_string_state(sim, tau, y, i, gap, rate);
+        return;
+    }
+    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 0);
 }
 
 ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)

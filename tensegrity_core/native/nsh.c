@@ -98,8 +98,8 @@ static int add_piece(ts_curve *c, double start, double end, int rows, int snappe
     if (!table) return 0;
     c->table = table;
     memset(table + TS_ROW * first, 0, sizeof(double) * TS_ROW * (size_t)rows);
-    c->piece[c->pieces++] = (ts_piece){.kind = TS_ROWS, .rows = rows, .first = first, .snapped = snapped, .lo = start, .hi = end,
-                                       .origin = start, .scale = rows / (end - start)};
+    c->piece[c->pieces++] = (ts_piece){.kind = TS_ROWS, .rows = rows, .first = first, .snapped = snapped, .lo = start,
+                                       .hi = end, .origin = start, .scale = rows / (end - start)};
     return 1;
 }
 

@@ -1,5 +1,6 @@
-/* Outputs from the state at the end of a step. */
-#include "internal.h"
+/* Outputs from the state at the end of a step.  As in motion.c, what is called at every communication point is compiled for
+ * D = 2 and D = 3. */
+#include "kinematics.h"
 
 #include <math.h>
 #include <string.h>
@@ -11,25 +12,37 @@ static const double *fixed_at(const ts_sim *sim, int node)
     return m->mover[node] < 0 ? m->anchor + node * m->count[TS_D] : sim->base_now + 3 * m->mover[node] * m->count[TS_D];
 }
 
+/* The axes along which gravity acts: first and end. */
+typedef struct {
+    int first, end;
+} axes;
+
+static axes of_gravity(const ts_model *m)
+{
+    if (m->count[TS_V] > 1) return (axes){0, m->count[TS_D]};
+    return m->z_axis < 0 ? (axes){0, 0} : (axes){m->z_axis, m->z_axis + 1};
+}
+
 /* Gravitational energy (J): of bars with their point masses, each as one mass, and of the fixed nodes'. */
 static double potential(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
+    const axes falls = of_gravity(m);
     int D = m->count[TS_D];
-    double sum = 0.0;
-    for (int b = 0; b < m->blocks; b++)
-        for (int d = 0; d < D; d++) sum -= sim->laden[b] * sim->g[d] * sim->y[b * D + d];
-    for (int i = 0; i < m->pinned_count; i++) {
-        const double *base = fixed_at(sim, m->pinned[i].first);
-        int bar = m->block_bar[m->pinned[i].block];
-        double mass = sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[m->pinned[i].second];
-        for (int d = 0; d < D; d++) sum -= mass * sim->g[d] * base[d];
+    double energy = 0.0;
+    for (int d = falls.first; d < falls.end; d++) {
+        double sum = 0.0;
+        for (int b = 0; b < m->blocks; b++) sum += sim->laden[b] * sim->y[b * D + d];
+        for (int i = 0; i < m->pinned_count; i++) {
+            int bar = m->block_bar[m->pinned[i].block];
+            double mass = sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[m->pinned[i].second];
+            sum += mass * fixed_at(sim, m->pinned[i].first)[d];
+        }
+        for (int i = 0; i < m->count[TS_P]; i++)
+            if (m->fixed[m->massed[i]]) sum += sim->extra_mass[m->massed[i]] * fixed_at(sim, m->massed[i])[d];
+        energy -= sim->g[d] * sum;
     }
-    for (int i = 0; i < m->count[TS_P]; i++) {
-        int node = m->massed[i];
-        for (int d = 0; d < D && m->fixed[node]; d++) sum -= sim->extra_mass[node] * sim->g[d] * fixed_at(sim, node)[d];
-    }
-    return sum;
+    return energy;
 }
 
 static double energy_of_string(const ts_sim *sim, int i, double gap)
@@ -83,23 +96,20 @@ static double carried_energy(const ts_sim *sim)
     return sum;
 }
 
-double ts_kinetic_energy(const ts_sim *sim)
+ALWAYS_INLINE double kinetic(const ts_sim *sim, const int D)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
+    const double *v = sim->y + m->nq;
     double sum = 0.0;
-    for (int b = 0; b < m->blocks; b++) /* 1/inv is the inertia of the block */
-        for (int d = 0; d < D; d++) {
-            double v = sim->y[m->nq + b * D + d];
-            sum += 0.5 * v * v / sim->inv[b];
-        }
-    return m->count[TS_E] ? sum + carried_energy(sim) : sum;
+    for (int b = 0; b < m->blocks; b++) sum += dot(v + b * D, v + b * D, D) / sim->inv[b]; /* 1/inv: inertia of the block */
+    return 0.5 * sum + (m->count[TS_E] ? carried_energy(sim) : 0.0);
 }
 
-static void nodes(ts_sim *sim)
+double ts_kinetic_energy(const ts_sim *sim) { return sim->m.count[TS_D] == 2 ? kinetic(sim, 2) : kinetic(sim, 3); }
+
+ALWAYS_INLINE void nodes(ts_sim *sim, const int D)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
     double *position = sim->values + m->at[TS_POSITION], *velocity = sim->values + m->at[TS_VELOCITY];
     for (int n = 0; n < m->count[TS_N]; n++) {
         const double *x = sim->x + 2 * D * n;
@@ -112,30 +122,15 @@ static void nodes(ts_sim *sim)
 static void strings(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
+    double *force = sim->values + m->at[TS_STRING_FORCE], *elastic = sim->values + m->at[TS_ELASTIC_FORCE];
+    double *length = sim->values + m->at[TS_STRING_LENGTH];
     for (int i = 0; i < m->count[TS_S]; i++) {
         double fs = sim->fs[i];
         if (sim->clipped[i]) ts_tension(sim, i, sim->gap[i], sim->gap_rate[i], &fs); /* the spring pulls all the same */
-        sim->values[m->at[TS_STRING_FORCE] + i] = sim->fs[i] + sim->fd[i];
-        sim->values[m->at[TS_ELASTIC_FORCE] + i] = fs;
-        sim->values[m->at[TS_STRING_LENGTH] + i] = sim->gap[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
+        force[i] = sim->fs[i] + sim->fd[i];
+        elastic[i] = fs;
+        length[i] = sim->gap[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
     }
-}
-
-/* Loads and gravity on the nodes, in addition to the strings' forces. */
-static void loads(ts_sim *sim, double tau)
-{
-    const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
-    const double *mass = sim->values + m->at[TS_BAR_MASS];
-    for (int n = 0; n < m->count[TS_N]; n++)
-        for (int d = 0; d < D; d++) {
-            int i = m->at[TS_FORCE] + m->free_index[n] * D + d;
-            sim->node_force[n * D + d] += sim->extra_mass[n] * sim->g[d];
-            if (m->free_index[n] < 0) continue;
-            sim->node_force[n * D + d] += sim->values[i] + (sim->slopes[i] + 0.5 * sim->slopes[sim->n_inputs + i] * tau) * tau;
-        }
-    for (int i = 0; i < 2 * m->count[TS_B]; i++)
-        for (int d = 0; d < D; d++) sim->node_force[m->bars[i] * D + d] += 0.5 * mass[i / 2] * sim->g[d];
 }
 
 /* Acceleration of a node along axis d, the bases' included. */
@@ -150,37 +145,55 @@ static double acceleration(const ts_sim *sim, int node, int d)
     return sum;
 }
 
-/* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
-static void reactions(ts_sim *sim)
+/* Loads on the nodes in addition to the strings' forces: inputs, gravity, and what point masses need (d'Alembert). */
+ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
-    for (int n = 0; n < m->count[TS_N]; n++)
-        for (int d = 0; d < D && m->fixed[n]; d++)
-            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] =
-                sim->extra_mass[n] * acceleration(sim, n, d) - sim->node_force[n * D + d];
+    const axes falls = of_gravity(m);
+    const double *mass = sim->values + m->at[TS_BAR_MASS], *input = sim->values + m->at[TS_FORCE];
+    const double *slope = sim->slopes + m->at[TS_FORCE], *bend = slope + sim->n_inputs;
+    for (int n = 0; n < m->count[TS_N]; n++) {
+        int first = m->free_index[n] * D;
+        if (first < 0) continue;
+        for (int d = 0; d < D; d++) sim->node_force[n * D + d] += input[first + d];
+        for (int d = 0; d < D && sim->forces_move; d++)
+            sim->node_force[n * D + d] += (slope[first + d] + 0.5 * bend[first + d] * tau) * tau;
+    }
+    for (int i = 0; i < 2 * m->count[TS_B]; i++)
+        for (int d = falls.first; d < falls.end; d++) sim->node_force[m->bars[i] * D + d] += 0.5 * mass[i / 2] * sim->g[d];
+    for (int i = 0; i < m->count[TS_P]; i++)
+        for (int d = 0, n = m->massed[i]; d < D; d++)
+            sim->node_force[n * D + d] += sim->extra_mass[n] * (sim->g[d] - acceleration(sim, n, d));
 }
 
-/* Reactions of pinned bars, sum of mass times acceleration - f_base - f_tip; then with them the axial forces (eq. 1):
- * -lambda l = J |b'|^2/l + b.(f2 - m_2 n2'' - f1 + m_1 n1'')/(2 l), m_1 and m_2 being point masses. */
-static void bars(ts_sim *sim)
+/* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
+ALWAYS_INLINE void reactions(ts_sim *sim, const int D)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D];
+    for (int n = 0; n < m->count[TS_N]; n++)
+        for (int d = 0; d < D && m->fixed[n]; d++)
+            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] = -sim->node_force[n * D + d];
+}
+
+/* Reactions of pinned bars, m c''/2 + m a_base - f_base - f_tip; then with them the axial forces (eq. 1):
+ * -lambda l = J |b'|^2/l + b.(f2 - f1)/(2 l). */
+ALWAYS_INLINE void bars(ts_sim *sim, const int D)
+{
+    static const double at_rest[3] = {0.0, 0.0, 0.0};
+    const ts_model *m = &sim->m;
     const double *mass = sim->values + m->at[TS_BAR_MASS], *x = sim->values + m->at[TS_POSITION];
     for (int i = 0; i < m->count[TS_B]; i++) {
-        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i];
+        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i], moves = base >= 0 && m->mover[base] >= 0;
         double axial = 0.0, speed = 0.0, *f1 = sim->node_force + first * D, *f2 = sim->node_force + second * D;
-        const double *v = sim->f0 + m->bar_block[i] * D;
+        const double *v = sim->f0 + m->bar_block[i] * D, *a = v + m->nq;
+        const double *a_base = moves ? sim->base_now + (3 * m->mover[base] + 2) * D : at_rest;
         double *R = base < 0 ? NULL : sim->values + m->at[TS_REACTION] + (-1 - m->free_index[base]) * D;
         for (int d = 0; d < D; d++) {
-            double a1 = acceleration(sim, first, d), a2 = acceleration(sim, second, d);
-            double inertia1 = sim->extra_mass[first] * a1, inertia2 = sim->extra_mass[second] * a2;
             if (R) {
-                R[d] = 0.5 * mass[i] * (a1 + a2) + inertia1 + inertia2 - f1[d] - f2[d];
+                R[d] = mass[i] * (0.5 * a[d] + a_base[d]) - f1[d] - f2[d];
                 sim->node_force[base * D + d] += R[d];
             }
-            axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - inertia2 - f1[d] + inertia1);
+            axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - f1[d]);
             speed += v[d] * v[d];
         }
         sim->values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar_length[i];
@@ -198,18 +211,23 @@ static void drives(ts_sim *sim)
     }
 }
 
+ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
+{
+    nodes(sim, D);
+    loads(sim, tau, D);
+    reactions(sim, D);
+    bars(sim, D);
+    sim->values[sim->m.at[TS_KINETIC]] = kinetic(sim, D);
+}
+
 /* Fill all outputs from what ts_rhs() has just found at the present state; f0 is the derivative there. */
 void ts_outputs(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
     double *out = sim->values;
-    nodes(sim);
     strings(sim, tau);
-    loads(sim, tau);
-    reactions(sim);
-    bars(sim);
+    DISPATCH(sim, mechanics, sim, tau);
     drives(sim);
-    out[m->at[TS_KINETIC]] = ts_kinetic_energy(sim);
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;
     for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->gap[i]);

@@ -1,18 +1,21 @@
 /* Parts in series: forces are equal, elongations add up.
  *
- * A rise holds all parts on given stretches; its leader's own elongation parametrises it, smoothly even where the leader's force
- * has its maximum.  The single-valued law (Algorithm 1) strings rises together: between them the part whose maximum is lowest
- * follows its own curve until it bears that force again, the others held. */
+ * A rise holds all parts on given stretches; its leader's own elongation parametrises it, smoothly even where the leader's
+ * force has its maximum.  The single-valued law (Algorithm 1) strings rises together: between them the part whose maximum is
+ * lowest follows its own curve until it bears that force again, the others held. */
 #include "laws.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#define SAME 1e-12 /* forces that are equal, of the largest */
+
 /* Elongation where the leader stands at u, the force there and the elongation's derivative by u. */
 double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
 {
-    double df, f = ts_law_force(r->part + r->leader, r->at[r->leader], u, &df), x = u + r->compliance * f, by_force = r->compliance, d;
+    double df, d, f = ts_law_force(r->part + r->leader, r->at[r->leader], u, &df);
+    double x = u + r->compliance * f, by_force = r->compliance;
     r->u[r->leader] = u;
     for (int j = 0; j < r->n; j++) {
         if (j == r->leader) continue;
@@ -52,8 +55,8 @@ double ts_rise_force(void *rise, double x)
     return f;
 }
 
-/* Distance in elongation from the fold to where the leader stands at u, m.  Close to the fold it is the integral of dx/du (Gauss
- * points), because the difference of two elongations has no digits there. */
+/* Distance in elongation from the fold to where the leader stands at u, m.  Close to the fold it is the integral of dx/du
+ * (Gauss points), because the difference of two elongations has no digits there. */
 static double off_fold(ts_rise *r, double u, double *slope)
 {
     static const double node[3] = {0.2386191860831969, 0.6612093864662645, 0.9324695142031521};
@@ -115,23 +118,6 @@ static void append(ts_law *law, ts_piece p, double f0, double f1, int way, int s
     }
     law->s = s;
     s[law->n++] = (ts_stretch){p, {f0, f1}, way, smooth};
-}
-
-/* A straight piece that begins with `force`; of one without end the subinterval is a power of two, which changes no digits. */
-const char *ts_fit_line(ts_piece *p, double **table, int32_t *rows, double force, double k)
-{
-    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)), w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
-    if (!more) return "out of memory";
-    *table = more;
-    memset(more + TS_ROW * *rows, 0, sizeof(double) * TS_ROW);
-    more[TS_ROW * *rows + 1] = force;
-    more[TS_ROW * *rows + 2] = k * w;
-    p->kind = TS_ROWS;
-    p->rows = 1;
-    p->first = (*rows)++;
-    p->origin = p->lo;
-    p->scale = 1.0 / w;
-    return NULL;
 }
 
 /* Compliance of a rise (m/N) where all its parts are straight, else 0. */
@@ -212,7 +198,8 @@ static void snap(climb *c, int j)
         p.lo = c->x;
         p.hi = c->x += end - s->p.lo;
         p.origin = p.lo + (s->p.origin - s->p.lo);
-        if (p.hi > p.lo) append(c->law, p, s->force[0], done ? c->force : s->force[1], s->way, s->smooth && i > 0 && s->p.lo > start);
+        int smooth = s->smooth && s->p.lo > start;
+        if (p.hi > p.lo) append(c->law, p, s->force[0], done ? c->force : s->force[1], s->way, smooth);
         c->u[j] = end;
         if (done) return;
     }
@@ -250,7 +237,8 @@ const char *ts_series(ts_law *law, const ts_law *part, int n)
         int leader = first_to_end(&c), next = -1;
         if (leader < 0) break;
         double top = part[leader].s[c.at[leader]].force[1];
-        if (top > c.force) rise_to(&c, leader, top);
+        if (top > c.force + SAME * c.size) rise_to(&c, leader, top);
+        else c.force = top;
         if (law->reason || !(top < INFINITY)) break;
         for (int j = 0; j < n; j++) {
             if (c.at[j] >= part[j].n || part[j].s[c.at[j]].force[1] > c.force) continue;

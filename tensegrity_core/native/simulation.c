@@ -131,11 +131,11 @@ static int wrong_beam(const ts_sim *sim)
     return -1;
 }
 
-int ts_check(ts_sim *sim, int32_t *index)
+/* Look through the fields before this one. */
+static int check_fields(ts_sim *sim, int end, int32_t *index)
 {
     const ts_model *m = &sim->m;
-    int method = sim->integers[m->int_at[TS_INT_METHOD]];
-    for (int f = 0; f < TS_POSITION; f++)
+    for (int f = 0; f < end; f++)
         for (int i = m->at[f]; i < m->at[f + 1]; i++) {
             const char *reason = refuse(f, sim->values[i]);
             if (!reason) continue;
@@ -143,6 +143,14 @@ int ts_check(ts_sim *sim, int32_t *index)
             say(sim, reason);
             return TS_BAD_INPUT;
         }
+    return TS_OK;
+}
+
+int ts_check(ts_sim *sim, int32_t *index)
+{
+    const ts_model *m = &sim->m;
+    int method = sim->integers[m->int_at[TS_INT_METHOD]], status = check_fields(sim, TS_POSITION, index);
+    if (status != TS_OK) return status;
     int beam = wrong_beam(sim);
     if (beam >= 0) {
         *index = beam;
@@ -209,7 +217,8 @@ int ts_initialize(ts_sim *sim, double time)
     move_to_centres(sim);
     ts_project(sim, sim->y);
     ts_jump_bases(sim, NULL, NULL, 0.0);
-    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]); /* strings with memory come from slack; what that cost is past */
+    /* strings with memory come from slack; what that dissipated was before the start */
+    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
     ts_place_all(sim);
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
@@ -290,7 +299,7 @@ static int check_change(ts_sim *sim, double h)
 {
     const ts_model *m = &sim->m;
     int32_t index;
-    int status = ts_check(sim, &index);
+    int status = check_fields(sim, TS_BAR_MASS, &index); /* those behind it must not change */
     if (status != TS_OK) return status;
     int same = sim->integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
     for (int i = 0; i < 2 * sim->n_inputs; i++)
@@ -303,8 +312,8 @@ static int check_change(ts_sim *sim, double h)
         say(sim, "a fixed parameter was changed after initialization");
         return TS_BAD_INPUT;
     }
-    for (int i = 0; i < m->count[TS_S]; i++)
-        if (ts_has_memory(m, i) && sim->values[m->at[TS_STIFFNESS] + i] != sim->applied[m->at[TS_STIFFNESS] + i]) {
+    for (int i = 0; m->curved_count && i < m->count[TS_S]; i++)
+        if (sim->curve[i].branches && sim->values[m->at[TS_STIFFNESS] + i] != sim->applied[m->at[TS_STIFFNESS] + i]) {
             say(sim, "the stiffness of a string with memory (the hysteretic law) was changed after initialization");
             return TS_BAD_INPUT;
         }

@@ -116,7 +116,8 @@ typedef struct {
     int32_t snapped, slack;    /* beams past their force maximum; 1: no tension */
 } ts_curve_piece_info;
 
-TS_API int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out, int32_t capacity); /* how many there are */
+/* How many pieces there are; the first of them up to the capacity. */
+TS_API int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out, int32_t capacity);
 
 #ifdef __cplusplus
 }
