@@ -99,14 +99,14 @@ s2.element = "honeycomb"
 tensegrity simulate in_series.toml --force n3.z=60 --force n4.z=60 --duration 5 --output in_series.csv
 ```"""
 
-LAW = """By the article's Algorithm 1 an NSH has one force for each elongation: a beam that snaps does so along its own curve,
-nothing is lost, and the way back is the way there. The law `hysteretic` gives it a memory. The displacements u of the beams
-are variables of their own that follow, continuously, a local minimum of Σ U_j(u_j) + ½ k (x − Σ u_j)², where x is the
-elongation and k the string's own stiffness, in series with the beams. A beam may stand in its falling region II as long as
-that minimum is stable. Where it ceases to be one, the beams snap: they go where the overdamped flow c u̇_j = T − f_j(u_j)
-takes them, with stops at 0 and 2h, and what the energy falls by is dissipated. Elongation and rate are continuous, so a snap
-gives no impulse, only a jump of the tension. Beams need not be metastable: bistable ones stay snapped when the string goes
-slack. Any elements in series can have this law, not only beams."""
+LAW = """By the article's Algorithm 1 an NSH has one force for each elongation: a beam that snaps does so along its own
+curve, nothing is lost, and the way back is the way there. The law `hysteretic` gives it a memory. The displacements u of
+the beams are variables of their own that follow, continuously, a local minimum of Σ U_j(u_j) + ½ k (x − Σ u_j)², where x is
+the elongation and k the string's own stiffness, in series with the beams. A beam may stand in its falling region II as long
+as that minimum is stable. Where it ceases to be one, the beams snap: they go where the overdamped flow c u̇_j = T −
+f_j(u_j) takes them, with stops at 0 and 2h, and what the energy falls by is dissipated. Elongation and rate are continuous,
+so a snap gives no impulse, only a jump of the tension. Beams need not be metastable (`beams = "any"`): bistable ones stay
+snapped when the string goes slack. Any elements in series can have this law, not only beams."""
 
 # --- single strings ----------------------------------------------------------------------------------------------
 
