@@ -125,11 +125,15 @@ def beside(model: Model) -> Model:
     chosen = list(model.nsh_strings)
     plain = float(np.delete(model.stiffness, chosen)[0]) if chosen else 0.0
     added = {"stiffness": np.full(len(chosen), plain), "damping": np.zeros(len(chosen)), "rest_length": lengths(model)[chosen]}
+    none = (None,) * len(chosen)
     return replace(
         model,
         strings=np.concatenate((model.strings, model.strings[chosen])),
         string_names=(*model.string_names, *(f"{model.string_names[i]}_beside" for i in chosen)),
-        nsh=(*model.nsh, *(None for _ in chosen)),
+        nsh=(*model.nsh, *none),
+        element=(*model.element, *none),
+        damper=(*model.damper, *none),
+        actuator=(*model.actuator, *none),
         **{name: np.concatenate((getattr(model, name), values)) for name, values in added.items()},
     )
 
