@@ -236,14 +236,15 @@ def first_text(data: dict) -> str:
     same = all(data["I"][n]["series"]["snaps"] == data["I"][n]["memory"]["snaps"] for n in SYSTEMS)
     differ = sum(len(data["I"][n]["differ"]) for n in SYSTEMS)
     midway = sum(len(set(data["I"][n]["differ"]) & set(data["I"][n]["midway"])) for n in SYSTEMS)
-    all_midway = sum(len(data["I"][n]["midway"]) for n in SYSTEMS)
+    others = sum(len(data["I"][n]["midway"]) for n in SYSTEMS) - midway
+    where = "There, and at no other lift," if (midway, others) == (differ, 0) else f"At {midway} of these and {others} others"
     lowest = min(nsh.beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams())
     three, loop = data["I"]["three_bar"]["memory"]["ramp"], data["honeycomb"]["loss"]
     return f"""*Sudden lifts*, {LIFTS[0]} to {LIFTS[-1]} N in runs of 50 s as in experiment I: under both laws the heights lie
-within {apart} of each other, and the beams pass their maxima between {'the same' if same else 'other'} lifts. At {differ} of
-{len(SYSTEMS) * len(LIFTS)} lifts they differ by more than {1e3 * APART:g} mm. At {midway} of these (and at
-{all_midway - midway} others) a string without memory rests on the curve of a beam that has not yet come to bear f_max again,
-where Algorithm 1 holds the other beams; with memory they give way. Elsewhere all beams stand on the same rising branches.
+within {apart} of each other, and the beams pass their maxima between {'the same' if same else 'other'} lifts. At {differ} of {len(SYSTEMS) * len(LIFTS)} lifts
+they differ by more than {1e3 * APART:g} mm. {where} a string without memory rests on the curve of a beam that has not yet come
+to bear f_max again, where Algorithm 1 holds the other beams; with memory they give way. Elsewhere all beams stand on the same
+rising branches.
 
 *Slow lifts*, to {RAMP_TOP:g} N and back in steps of {RAMP_STEP:g} N that are held for {RAMP_HOLD:g} s: the systems have
 hysteresis under both laws, since they jump from one equilibrium to another. With memory the first beams return at larger
