@@ -242,8 +242,8 @@ def first_text(data: dict) -> str:
     three, loop = data["I"]["three_bar"]["memory"]["ramp"], data["honeycomb"]["loss"]
     return f"""*Sudden lifts*, {LIFTS[0]} to {LIFTS[-1]} N in runs of 50 s as in experiment I: under both laws the heights lie
 within {apart} of each other, and the beams pass their maxima between {'the same' if same else 'other'} lifts. At {differ} of
-{len(SYSTEMS) * len(LIFTS)} lifts they differ by more than {1e3 * APART:g} mm. {where} a string without memory rests on the curve of a beam that has not yet come
-to bear f_max again, where Algorithm 1 holds the other beams; with memory they give way. Elsewhere all beams stand on the same
+{len(SYSTEMS) * len(LIFTS)} lifts they differ by more than {1e3 * APART:g} mm. {where} a string without memory rests on the curve of a beam that has not yet
+come to bear f_max again, where Algorithm 1 holds the other beams; with memory they give way. Elsewhere all beams stand on the same
 rising branches.
 
 *Slow lifts*, to {RAMP_TOP:g} N and back in steps of {RAMP_STEP:g} N that are held for {RAMP_HOLD:g} s: the systems have
@@ -367,8 +367,9 @@ def report(data: dict, series: dict) -> str:
         "![Loss per cycle](figures/memory_stiffness.png)",
         "## Where the energy goes",
         f"Runs of {LEDGER_DURATION:g} s of the kernel under the law with memory. *In dampers* is the integral of the dampers' "
-        "power over Gauss points between the transitions, *in snaps* the sum of the recorded snaps' losses. *Gap* is what is left "
-        "of `energy.dissipated`, *ledger* the largest gap of the whole energy balance, both relative to the throughput ∫Σ|power|.",
+        "power over Gauss points between the transitions, *in snaps* the sum of the recorded snaps' losses. *Gap* is what is "
+        "left of `energy.dissipated`, *ledger* the largest gap of the whole energy balance, both relative to the throughput "
+        "∫Σ|power|.",
         ledger_table(data),
         "## Experiment I: heights",
         *first_text(data).split("\n\n"),
