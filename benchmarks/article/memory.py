@@ -242,9 +242,9 @@ def first_text(data: dict) -> str:
     three, loop = data["I"]["three_bar"]["memory"]["ramp"], data["honeycomb"]["loss"]
     return f"""*Sudden lifts*, {LIFTS[0]} to {LIFTS[-1]} N in runs of 50 s as in experiment I: under both laws the heights lie
 within {apart} of each other, and the beams pass their maxima between {'the same' if same else 'other'} lifts. At {differ} of
-{len(SYSTEMS) * len(LIFTS)} lifts they differ by more than {1e3 * APART:g} mm. {where} a string without memory rests on the curve of a beam that has not yet
-come to bear f_max again, where Algorithm 1 holds the other beams; with memory they give way. Elsewhere all beams stand on the same
-rising branches.
+{len(SYSTEMS) * len(LIFTS)} lifts they differ by more than {1e3 * APART:g} mm. {where} a string without memory rests on the
+curve of a beam that has not yet come to bear f_max again, where Algorithm 1 holds the other beams; with memory they give way.
+Elsewhere all beams stand on the same rising branches.
 
 *Slow lifts*, to {RAMP_TOP:g} N and back in steps of {RAMP_STEP:g} N that are held for {RAMP_HOLD:g} s: the systems have
 hysteresis under both laws, since they jump from one equilibrium to another. With memory the first beams return at larger
