@@ -181,3 +181,13 @@ def test_heights_of_a_system_with_memory():
     assert run.snapped.tolist() == [[0, 0], [2, 2]]
     plain = replace(model, nsh=(None,) * 3)
     assert measures.lifted(plain, [10.0]).snapped.shape == (1, 0)
+
+
+@pytest.mark.parametrize("samples", [6400, 5904])
+def test_snaps_at_communication_points_are_recorded(samples):
+    """With 2.5 ms steps every snap of the trilinear cells falls on a communication point."""
+    model = memory_loops.machine(memory_loops.cells(), 200.0, 0.0)
+    _, result = memory_loops.pulled(model, 0.08, samples)
+    losses = [t.loss for t in result.transitions if t.loss > 0.0]
+    assert losses == pytest.approx([1.142857142857143e-3] * 6, rel=1e-9)
+    assert result.dissipated[-1] == pytest.approx(sum(losses), abs=1e-10)

@@ -43,27 +43,57 @@ static double raw_tension(const ts_sim *sim, int i, double gap, double rate, dou
 
 static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]; }
 
-/* Pieces of all strings from the elongations, at the start of a step whose inputs jumped; a string with memory goes there
- * from its present piece.  An elongation on an end belongs to the piece it is moving into; at rest, to the lower one, or where
- * there is memory to the present one.  Returns what snaps on the way dissipate, J. */
+/* How a piece is called in a transition: without memory by its place in order of elongation, with memory by its snapped parts. */
+static int called(const ts_curve *c, int piece)
+{
+    const ts_piece *p = c->piece + piece;
+    return !c->branches ? piece : p->kind == TS_SLACK ? 0 : 1 + p->snapped;
+}
+
+/* A string came from one piece to the one where it is; parts of one branch, which join smoothly, are no transition. */
+static void note(ts_sim *sim, double tau, int i, int piece, double loss)
+{
+    ts_memory *memory = &sim->memory;
+    int before = called(sim->curve + i, piece), after = called(sim->curve + i, sim->piece[i]);
+    if (before == after && !(loss > 0.0)) return;
+    if (sim->transition_count < TS_MAX_TRANSITIONS)
+        sim->transitions[sim->transition_count] =
+            (ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
+    sim->transition_count++;
+    memory->stats[TS_TRANSITIONS]++;
+}
+
+/* Piece of a string from its elongation; with memory it goes there from its present piece.  An elongation on an end belongs to the
+ * piece it is moving into; at rest, to the lower one, or where there is memory to the present one.  Returns what snaps on the way
+ * dissipate, J. */
+static double place_anew(ts_sim *sim, int i)
+{
+    const ts_curve *c = sim->curve + i;
+    double lost = 0.0, gap, rate, scale;
+    ts_string_state(sim, 0.0, sim->y, i, &gap, &rate);
+    if (c->branches) ts_place(sim, i, sim->piece[i]);
+    ts_place(sim, i, c->branches ? ts_curve_walk(c, sim->piece[i], gap, sim->guard[i], &lost) : ts_curve_piece(c, gap));
+    const ts_piece *p = c->piece + sim->piece[i];
+    if (gap - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
+        lost += p->loss_down;
+        ts_place(sim, i, p->down);
+    } else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
+        lost += p->loss_up;
+        ts_place(sim, i, p->up);
+    }
+    if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    return lost;
+}
+
+/* Pieces of all strings at the start of a step whose inputs jumped.  Returns what snaps on the way dissipate, J. */
 double ts_place_all(ts_sim *sim)
 {
     double lost = 0.0;
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        const ts_curve *c = sim->curve + i;
-        double gap, rate, scale;
-        ts_string_state(sim, 0.0, sim->y, i, &gap, &rate);
-        if (c->branches) ts_place(sim, i, sim->piece[i]);
-        ts_place(sim, i, c->branches ? ts_curve_walk(c, sim->piece[i], gap, sim->guard[i], &lost) : ts_curve_piece(c, gap));
-        const ts_piece *p = c->piece + sim->piece[i];
-        if (gap - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
-            lost += p->loss_down;
-            ts_place(sim, i, p->down);
-        } else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
-            lost += p->loss_up;
-            ts_place(sim, i, p->up);
-        }
-        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+        int piece = sim->piece[i];
+        double loss = place_anew(sim, i);
+        note(sim, 0.0, i, piece, loss);
+        lost += loss;
     }
     return lost;
 }
@@ -272,27 +302,12 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
     return first;
 }
 
-/* How a piece is called in a transition: without memory by its place in order of elongation, with memory by its snapped parts. */
-static int called(const ts_curve *c, int piece)
-{
-    const ts_piece *p = c->piece + piece;
-    return !c->branches ? piece : p->kind == TS_SLACK ? 0 : 1 + p->snapped;
-}
-
 static void change_piece(ts_sim *sim, double tau, int i, int piece, double loss)
 {
-    ts_memory *memory = &sim->memory;
-    int taut = sim->taut[i], before = called(sim->curve + i, sim->piece[i]), after;
+    int taut = sim->taut[i], before = sim->piece[i];
     if (piece < 0) return; /* there is none */
-    after = called(sim->curve + i, piece);
     ts_place(sim, i, piece);
-    if (before != after || loss > 0.0) { /* else parts of one branch, which join smoothly */
-        if (sim->transition_count < TS_MAX_TRANSITIONS)
-            sim->transitions[sim->transition_count] =
-                (ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
-        sim->transition_count++;
-        memory->stats[TS_TRANSITIONS]++;
-    }
+    note(sim, tau, i, before, loss);
     sim->y[2 * sim->m.nq] += loss;
     sim->y[2 * sim->m.nq + 2] += loss;
     sim->force_jumps |= taut != sim->taut[i] || loss > 0.0; /* by its damper, by a snap with memory; else pieces join */

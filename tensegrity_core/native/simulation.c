@@ -220,6 +220,7 @@ int ts_initialize(ts_sim *sim, double time)
     /* strings with memory come from slack; what that dissipated was before the start */
     memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
     ts_place_all(sim);
+    sim->transition_count = sim->memory.stats[TS_TRANSITIONS] = 0;
     ts_rhs(sim, 0.0, sim->y, sim->f0);
     ts_outputs(sim, 0.0);
     for (int i = 0; i < 2 * m->nq; i++)
