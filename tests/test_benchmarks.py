@@ -20,6 +20,7 @@ import problems  # noqa: E402
 import scene_costs  # noqa: E402
 import fmu_speed  # noqa: E402
 import speed  # noqa: E402
+import unused_parts  # noqa: E402
 import work_precision  # noqa: E402
 import work_precision_data as data  # noqa: E402
 import work_precision_figures as figures  # noqa: E402
@@ -273,6 +274,7 @@ PAGES = [
     ("growth.md", "growth.json", lambda path: json.loads(path.read_text()), growth.report),
     ("equilibrium-paths.md", "equilibrium_paths.json", lambda path: json.loads(path.read_text()), equilibrium_paths.report),
     ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text()), scene_costs.report),
+    ("unused-parts.md", "unused_parts.json", lambda path: json.loads(path.read_text()), unused_parts.report),
     ("speed.md", "speed.json", lambda path: json.loads(path.read_text()), speed.report),
     ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text()), fmu_speed.report),
 ]
