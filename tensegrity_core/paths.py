@@ -25,7 +25,8 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cached_property
+from typing import Callable, NamedTuple
 
 import numpy as np
 
@@ -56,28 +57,65 @@ class PathError(TensegrityError):
 # --- points and paths --------------------------------------------------------------------------------------------
 
 
+class Local:
+    """The equations at a point, and what follows from them, worked out when it is first asked for.
+
+    tangent: gives them; definite: whether the tangent stiffness is known to be positive definite.
+    """
+
+    def __init__(self, equations: Equations, tangent: Callable[[], Tangent], definite: bool = False):
+        self._equations, self._tangent, self.definite = equations, tangent, definite
+
+    @cached_property
+    def tangent(self) -> Tangent:
+        return self._tangent()
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """(r,) N/m, rising eigenvalues of the tangent stiffness."""
+        return np.linalg.eigvalsh(self.tangent.stiffness)
+
+    @cached_property
+    def zero(self) -> float:
+        """N/m, what counts as round-off of them."""
+        return statics.NEUTRAL * max(float(np.abs(self.values).max(initial=0.0)), self._equations.stiffest)
+
+
 class Point(NamedTuple):
     """An equilibrium on a path.
 
     parameter: p; free: (n,) m; piece: (S,) of each string (after the point, at a kink); direction: (n+1,) unit tangent,
-    the last entry that of c p; values: (r,) N/m, rising eigenvalues of the tangent stiffness; zero: N/m, what counts as
-    round-off of them; arc: m, from the path's start; kind: '', 'kink', 'limit', 'branch', 'loose'; tension: (S,) N.
+    the last entry that of c p; local: the equations there; arc: m, from the path's start; kind: '', 'kink', 'limit',
+    'branch', 'loose'.
     """
 
     parameter: float
     free: np.ndarray
     piece: np.ndarray
     direction: np.ndarray
-    values: np.ndarray
-    zero: float
+    local: Local
     arc: float
     kind: str
-    tension: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """(r,) N/m, rising eigenvalues of the tangent stiffness."""
+        return self.local.values
+
+    @property
+    def zero(self) -> float:
+        """N/m, what counts as round-off of them."""
+        return self.local.zero
+
+    @property
+    def tension(self) -> np.ndarray:
+        """(S,) N."""
+        return self.local.tangent.tension
 
     @property
     def unstable(self) -> int:
         """Number of directions in which the potential energy falls."""
-        return int((self.values < -self.zero).sum())
+        return 0 if self.local.definite else int((self.values < -self.zero).sum())
 
     @property
     def stable(self) -> bool:
@@ -217,13 +255,7 @@ def _point(equations, scale, free, parameter, tangent, piece, along, arc, kind) 
     direction = _direction(tangent, scale, along)
     if direction is None:
         return None
-    return Point(float(parameter), free, piece, direction, *_eigenvalues(equations, tangent), arc, kind, tangent.tension)
-
-
-def _eigenvalues(equations: Equations, tangent: Tangent) -> tuple[np.ndarray, float]:
-    """Rising eigenvalues (r,) of the tangent stiffness, and what counts as their round-off, N/m."""
-    values = np.linalg.eigvalsh(tangent.stiffness)
-    return values, statics.NEUTRAL * max(float(np.abs(values).max(initial=0.0)), equations.stiffest)
+    return Point(float(parameter), free, piece, direction, Local(equations, lambda: tangent), arc, kind)
 
 
 class _Follower:
@@ -335,8 +367,8 @@ class _Follower:
         rays = [ray for ray in self._rays(free, parameter, below, touching, base.piece, trial.direction, arc) if _resisted(ray)]
         if not rays:
             tangent = self.equations.at(free, parameter, base.piece)
-            values = _eigenvalues(self.equations, tangent)
-            return Point(parameter, free, base.piece, trial.direction, *values, arc, "loose", tangent.tension)
+            local = Local(self.equations, lambda: tangent)
+            return Point(parameter, free, base.piece, trial.direction, local, arc, "loose")
         return max(rays, key=lambda ray: ray.direction @ trial.direction)
 
     def _rays(self, free, parameter, below, touching, came_on, along, arc) -> list[Point]:
@@ -356,8 +388,8 @@ class _Follower:
             rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
             for sign in (1.0, -1.0):
                 if (np.where(np.array(up, dtype=bool), sign, -sign) * rate >= -1e-9).all():
-                    values = _eigenvalues(self.equations, tangent)
-                    found.append(Point(parameter, free, piece, sign * direction, *values, arc, "kink", tangent.tension))
+                    local = Local(self.equations, lambda tangent=tangent: tangent)
+                    found.append(Point(parameter, free, piece, sign * direction, local, arc, "kink"))
         return found
 
     # --- limit and branch points

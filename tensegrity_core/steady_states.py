@@ -21,9 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import statics
+from . import quick_flow, statics
 from .equilibrium import Equations, Loading
 from .errors import InputError
+from .load_steps import LoadSteps
+from .saddle import Saddle
 from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
@@ -92,13 +94,18 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Poi
         sweep.states += [here] * (len(goals) - 1)
         return here
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
+    steps = LoadSteps(equations, scale)
     while done < len(goals):
-        path = follow_from(equations, scale, here, -side * np.inf, goals[-1], stop="unstable")
+        path = Path(equations, scale, [here])
         sweep.stretches.append(path)
-        for before, after in zip(path.points, path.points[1:]):
-            while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
-                sweep.states.append(between(equations, scale, before, after, goals[done]))
+        while not path.end and done < len(goals):
+            path.end = steps.advance(path, goals[done])
+            if not path.end:
+                _follow(path, goals[done], side)
+            if path.end == "to":
+                sweep.states.append(path.points[-1])
                 done += 1
+                path.end = "to" if done == len(goals) else ""
         if path.end == "to":
             return path.points[-1]
         here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
@@ -108,26 +115,42 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Poi
     return here
 
 
+def _follow(path: Path, goal: float, side: float) -> None:
+    """Follow a path along its arc from its last point to p = goal, or to where its stability ends."""
+    further = follow_from(path.equations, path.scale, path.points[-1], -side * np.inf, goal, stop="unstable")
+    path.points += further.points[1:]
+    path.end = further.end
+
+
 def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> Point:
     """The stable state that the flow reaches from the end of a path."""
     equations, last = sweep.equations, path.points[-1]
     parameter = last.parameter + side * BEYOND[path.end] * way
-    surface = FlowSurface(equations, parameter)
-    tangent = equations.at(last.free, last.parameter, last.piece)
-    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
-        beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
-        forward = path.points[-2 if beside else -1].direction[:-1]
-        escape = forward / np.linalg.norm(forward)
-    else:
-        escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
-        escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
-    start = equations.moved(last.free, 0.1 * surface.reach * escape)
-    nodes = equations.nodes(statics.descend(surface, start, surface.balanced))
-    here = point_at(equations, scale, nodes, parameter, side)
+    found = _flow(equations, path, parameter, side)
+    here = point_at(equations, scale, equations.nodes(found), parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
     sweep.jumps.append(Jump(parameter, last, here, path.end))
     return here
+
+
+def _flow(equations: Equations, path: Path, parameter: float, side: float) -> np.ndarray:
+    """(n,) where the overdamped flow leads from the end of a path."""
+    last, surface = path.points[-1], FlowSurface(equations, parameter)
+    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
+        beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
+        escape = _unit(path.points[-2 if beside else -1].direction[:-1])
+    else:
+        tangent = last.local.tangent
+        escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
+        escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
+    start = equations.moved(last.free, 0.1 * surface.reach * escape)
+    found = quick_flow.settled(Saddle(equations), start, escape, parameter)
+    return statics.descend(surface, start, surface.balanced) if found is None else found
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
 
 
 class FlowSurface(statics._Surface):

@@ -23,6 +23,10 @@ from .model import NSH, Model
 DEGREE = 11
 ACCURACY = 2e-15  # largest error of a rise's force, relative to the end force
 MAX_PANELS = 256
+MOST_KNOWN = 1000  # combinations of pieces that are kept ready
+
+
+_POWERS = np.arange(DEGREE + 1)
 
 
 class _Panel(NamedTuple):
@@ -109,6 +113,7 @@ class StringLaws:
         ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in model.nsh]
         most = max((len(p) for p in pieces), default=0)
         shape = (len(pieces), most)
+        self._known: dict[bytes, OnPieces] = {}
         self._all = most * np.arange(len(pieces))  # where each string's row of pieces begins
         self.lower, self.upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         first, count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
@@ -130,9 +135,22 @@ class StringLaws:
         self._density = np.where(cut, count / np.where(cut, self.upper - start, 1.0), 0.0).ravel()  # panels per m
         self._start, self._first, self._most = start.ravel(), first.ravel(), count.ravel() - 1
         self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
-        self._laws = np.stack([_table([p.force for p in panels]), _table([p.stiffness for p in panels])], axis=1)
-        self._bend = _table([polynomial.polyder(p.stiffness) / p.half for p in panels])
+        rows = [[p.force for p in panels], [p.stiffness for p in panels], [polynomial.polyder(p.stiffness) / p.half for p in panels]]
+        self._laws = np.stack([_table(row) for row in rows], axis=1)
         self._energy = _table([p.energy for p in panels], DEGREE + 2)
+        self.falls = self._falling()
+
+    def _falling(self) -> np.ndarray:
+        """(S, P): whether the stiffness is negative somewhere on a piece."""
+        found = np.zeros(self.lower.shape, dtype=bool)
+        for part in np.linspace(0.05, 0.95, 10):
+            for piece in range(1, self.lower.shape[1]):
+                start, end = self.lower[:, piece], self.upper[:, piece]
+                inside = np.isfinite(start) & np.isfinite(end)
+                start, end = np.where(inside, start, 0.0), np.where(inside, end, 0.0)
+                x = start + part * (end - start)
+                found[:, piece] |= inside & (self(x, np.minimum(piece, self.last))[1] < 0.0)
+        return found
 
     def piece_of(self, stretch: np.ndarray) -> np.ndarray:
         """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
@@ -145,13 +163,28 @@ class StringLaws:
     def __call__(self, stretch: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
         row, powers, over = self._place(stretch, piece)
-        force, stiffness = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
+        force, stiffness, bend = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
         if over.any():
-            force, stiffness = force.copy(), stiffness.copy()
-            bend = np.einsum("ij,ij->i", self._bend[row], powers)
-            force += over * (stiffness + 0.5 * bend * over)
-            stiffness += bend * over
+            force = force + over * (stiffness + 0.5 * bend * over)
+            stiffness = stiffness + bend * over
         return force, stiffness
+
+    def one(self, string: int, piece: int, x: float) -> tuple[float, float, float]:
+        """N, N/m and N/m2 of one string on a piece at an elongation (m): tension, stiffness and its slope."""
+        at = self._all[string] + piece
+        row = self._first[at] + min(max(int((x - self._start[at]) * self._density[at]), 0), self._most[at])
+        centre, half, _ = self._spans[:, row]
+        force, stiffness, bend = (self._laws[row] @ ((x - centre) / half) ** _POWERS).tolist()
+        return force, stiffness, bend
+
+    def on(self, piece: np.ndarray) -> OnPieces:
+        """The laws of these pieces (S,), ready for many elongations."""
+        key = piece.tobytes()
+        if key not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = OnPieces(self, piece)
+        return self._known[key]
 
     def energy(self, stretch: np.ndarray, piece: np.ndarray) -> np.ndarray:
         """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
@@ -169,6 +202,55 @@ class StringLaws:
         powers = np.empty((len(row), count))
         powers[:, 0], powers[:, 1:] = 1.0, inside[:, None]
         return row, np.multiply.accumulate(powers, axis=1, out=powers), (t - inside) * half
+
+
+class OnPieces:
+    """Tension, stiffness and its slope of all strings, each on a fixed piece; as StringLaws, in less time.
+
+    piece: (S,); lower, upper: (S,) m, its ends; curved: (C,) the strings whose law there is no straight line; falling: those
+    whose stiffness is negative somewhere on the piece.
+    """
+
+    def __init__(self, laws: StringLaws, piece: np.ndarray):
+        self.piece = piece
+        self.lower, self.upper = laws.ends(piece)
+        self.falling = np.flatnonzero(laws.falls[np.arange(len(piece)), piece])
+        at = laws._all + piece
+        first, most = laws._first[at], laws._most[at]
+        centre, half, reach = laws._spans[:, first]
+        curved = (most > 0) | (np.abs(laws._laws[first, 1, 1:]).max(axis=1, initial=0.0) > 0.0)
+        self.curved = np.flatnonzero(curved)
+        self._stiffness = np.where(curved, 0.0, laws._laws[first, 1, 0])
+        self._force = np.where(curved, 0.0, laws._laws[first, 0, 0] - self._stiffness * centre)
+        at = at[self.curved]
+        self._start, self._density = laws._start[at], laws._density[at]
+        self._first, self._most = first[self.curved], most[self.curved]
+        self._laws, self._spans = laws._laws, laws._spans
+        self._powers = np.ones((len(at), DEGREE + 1, 1))
+
+    def __call__(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(S,) N, (S,) N/m at elongations (S,), m, and (C,) N/m2, the slope of the curved strings' stiffness."""
+        force = self._force + self._stiffness * stretch
+        if not len(self.curved):
+            return force, self._stiffness, self._start
+        x = stretch[self.curved]
+        row = ((x - self._start) * self._density).astype(int)
+        row = self._first + np.minimum(np.maximum(row, 0), self._most)
+        centre, half, reach = self._spans[:, row]
+        t = (x - centre) / half
+        inside = np.minimum(np.maximum(t, -reach), reach)
+        powers = self._powers
+        powers[:, 1:, 0] = inside[:, None]
+        np.multiply.accumulate(powers, axis=1, out=powers)
+        tension, stiffness, bend = (self._laws[row] @ powers)[:, :, 0].T
+        over = (t - inside) * half
+        if over.any():
+            tension = tension + over * (stiffness + 0.5 * bend * over)
+            stiffness = stiffness + bend * over
+        force[self.curved] = tension
+        full = self._stiffness.copy()
+        full[self.curved] = stiffness
+        return force, full, bend
 
 
 def _pieces(law: NSH | None, k: float) -> list[tuple[_Panel, ...]]:
