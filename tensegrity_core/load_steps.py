@@ -23,19 +23,26 @@ from .saddle import Bordered, Saddle
 from .string_laws import OnPieces
 
 NEWTON = 5  # iterations: the predictions are good, or it is better to give up
-NEARLY, CONVERGED = 1e-7, 1e-12  # m: a step that small is the last if, by quadratic convergence, the next would be that small
+NEARLY, CONVERGED = 1e-7, 1e-13  # m: a step that small is the last if, by quadratic convergence, the next would be that small
 ROOT = 12  # iterations for a limit point
+SHARP = 5e-9  # m: the last step towards a limit point, whose p is then right to its square
+FLAT, RESOLVED = 1e-5, 1e-12  # where two folds coincide, a limit point's place (m) is not told better, but p and reserve are
 FIRST = 3  # strings that are tried as the first to leave its piece
 SOFTER = 0.05  # a string that loses more of its stiffness from one state to the next is watched
 HALVINGS = 2  # of a step that turns too much
 
 
+class Doubt(Exception):
+    """The way on cannot be told from here."""
+
+
 @dataclass
 class State:
-    """A stable equilibrium, or a limit point: unknowns z and their derivative by p, (n+B,); stretch: (S,) m.
+    """A stable equilibrium, or a limit point: unknowns z and their derivatives by p, (n+B,); stretch: (S,) m.
 
-    string: by whose elongation e the path is known, -1: none; reserve: N/m, of that string; rate: dz/de; lever: dp/de is
-    the reserve over it; push: by how much dz/de grows with dp/de; stiffness, bend: N/m, N/m2, of the string.
+    string: by whose elongation e the path is known, -1: none; reserve: N/m, of that string; rate, bow: dz/de and d2z/de2;
+    lever: dp/de is the reserve over it; load_bow: d2p/de2; push: by how much dz/de grows with dp/de; bends: (S,) N/m2, slopes
+    of the strings' stiffnesses; stiffness: N/m, of the string.
     """
 
     z: np.ndarray
@@ -46,11 +53,13 @@ class State:
     curvature: np.ndarray | float = 0.0
     string: int = -1
     reserve: float = 0.0
-    rate: np.ndarray | None = None
     lever: float = 1.0
+    rate: np.ndarray | None = None
     push: np.ndarray | None = None
+    bends: np.ndarray | None = None
     stiffness: float = 0.0
-    bend: float = 0.0
+    bow: np.ndarray | float = 0.0
+    load_bow: float = 0.0
 
     @property
     def load_rate(self) -> float:
@@ -58,36 +67,35 @@ class State:
         return self.reserve / self.lever
 
     def softens(self, way: float) -> bool:
-        """Whether its string loses stiffness as p changes this way."""
-        return self.string >= 0 and self.bend * self.load_rate * way < 0.0
+        """Whether p changes ever less per elongation as it goes this way."""
+        return self.string >= 0 and self.load_bow * way < 0.0
 
     def moved(self, p: float) -> tuple[np.ndarray, float]:
         """z and p predicted for a change of p."""
         return self.z + p * (self.tangent + (0.5 * p) * self.curvature), self.parameter + p
 
     def stretched(self, e: float) -> tuple[np.ndarray, float]:
-        """z and p predicted for a change of e, the other strings' laws taken as straight."""
-        gain = 0.5 * self.bend / self.lever * e * e
-        return self.z + e * self.rate + gain * self.push, self.parameter + self.load_rate * e + gain
-
-    def towards(self, other: State, parameter: float) -> np.ndarray:
-        """z predicted at a p between this state and another: quadratic between them, over e or p."""
-        change = other.z - self.z
-        if self.string < 0 or other.string != self.string:
-            part = (parameter - self.parameter) / (other.parameter - self.parameter)
-            first = (other.parameter - self.parameter) * self.tangent
-        else:
-            e = float(other.stretch[self.string] - self.stretch[self.string])
-            a, b = self.load_rate * e, other.parameter - self.parameter
-            p = parameter - self.parameter  # a t + (b - a) t^2
-            part = 2.0 * p / (a + np.copysign(np.sqrt(max(a * a + 4.0 * (b - a) * p, 0.0)), a))
-            first = e * self.rate
-        return self.z + part * (first + part * (change - first))
+        """z and p predicted for a change of e."""
+        half = 0.5 * e
+        return self.z + e * (self.rate + half * self.bow), self.parameter + e * (self.load_rate + half * self.load_bow)
 
     def elongation(self, p: float) -> float | None:
         """The change of e predicted for a change of p; None where p does not get there."""
-        rest = self.load_rate**2 + 2.0 * self.bend / self.lever * p
+        rest = self.load_rate**2 + 2.0 * self.load_bow * p
         return 2.0 * p / (self.load_rate + np.copysign(np.sqrt(rest), self.load_rate)) if rest > 0.0 else None
+
+    def towards(self, other: State, parameter: float) -> np.ndarray:
+        """z predicted at a p between this state and another: quadratic between them, over e or p."""
+        change, p = other.z - self.z, parameter - self.parameter
+        span = other.parameter - self.parameter
+        if self.string < 0 or other.string != self.string:
+            part, first = p / span, span * self.tangent
+        else:
+            e = float(other.stretch[self.string] - self.stretch[self.string])
+            slope = self.load_rate * e  # p is slope t + (span - slope) t^2
+            rest = np.sqrt(max(slope * slope + 4.0 * (span - slope) * p, 0.0))
+            part, first = 2.0 * p / (slope + np.copysign(rest, slope)), e * self.rate
+        return self.z + part * (first + part * (change - first))
 
 
 class LoadSteps:
@@ -105,21 +113,30 @@ class LoadSteps:
         """Add points to a path from its last one, stable and on its way to p = goal: 'to' if it gets there, 'limit' if it ends
         at a limit point before, '' if `paths` has to go on."""
         if path.points[-1] is not self._point:
-            self._here, self._limit = self._state(path.points[-1]), None
-        while self._here is not None and self._here.parameter != goal:
-            found = self._next(goal)
-            if found is None:
-                self._here = self._point = None
-                return ""
-            self._add(path, *found)
-            if found[1] == "limit":
-                return "limit"
-        return "" if self._here is None else "to"
+            self._here = self._limit = None
+        try:
+            if self._here is None:
+                self._here = self._state(path.points[-1], goal - path.points[-1].parameter)
+            while self._here.parameter != goal:
+                state, kind = self._next(goal)
+                self._add(path, state, kind)
+                if kind == "limit":
+                    return kind
+        except Doubt:
+            self._here = self._point = None
+            return ""
+        return "to"
 
-    def _state(self, point: Point) -> State | None:
-        """A path's point as a state."""
-        laws = self.equations.laws.on(point.piece)
-        return self._to_load(self.saddle.start(point.free, point.parameter), point.parameter, laws)
+    def _state(self, point: Point, way: float) -> State:
+        """A path's stable point as a state.  Raises Doubt."""
+        saddle, laws, p = self.saddle, self.equations.laws.on(point.piece), point.parameter
+        z = saddle.start(point.free, p)
+        saddle.at(z, p, laws)
+        found = saddle.solve()
+        if found is None or not saddle.definite():
+            raise Doubt
+        state = State(z, p, laws, found[1], saddle.stretch)
+        return self._watched(state, way) if len(laws.curved) else state
 
     def _add(self, path: Path, state: State, kind: str) -> None:
         """Make a state the path's next point."""
@@ -142,36 +159,36 @@ class LoadSteps:
 
     # --- which point is next
 
-    def _next(self, goal: float) -> tuple[State, str] | None:
-        """The next state and its kind on the way to p = goal; None where it is not found."""
+    def _next(self, goal: float) -> tuple[State, str]:
+        """The next state and its kind on the way to p = goal.  Raises Doubt."""
         found = self._stepped(goal)
         if found is None and len(self._here.laws.curved) and not self._here.softens(goal - self._here.parameter):
-            here = self._watched(self._here, goal - self._here.parameter)
-            if here is not None:
-                self._here = here
-                found = self._stepped(goal)
+            self.saddle.at(self._here.z, self._here.parameter, self._here.laws)
+            self._here = self._watched(self._here, goal - self._here.parameter)
+            found = self._stepped(goal)
+        if found is None:
+            raise Doubt
         return found
 
-    def _watched(self, state: State, way: float) -> State | None:
-        """The same state, known by the elongation of the string that loses most stiffness on the way on."""
+    def _watched(self, state: State, way: float) -> State:
+        """A state for which the system is set up, known by the elongation of the string that loses most stiffness on the way on.
+        Raises Doubt."""
         saddle, curved = self.saddle, state.laws.curved
-        saddle.at(state.z, state.parameter, state.laws)
         rates = (saddle.directions(curved) @ state.tangent[: self._n] - self._wound[curved]) * way
         string = int(curved[np.argmin(saddle.bend * rates)])
         found = saddle.bordered(saddle.direction(string))
         if found is None or not (saddle.definite() and found.pull[1] < 0.0):
-            return None
-        return self._bordered_state(state.z, state.parameter, state.laws, state.stretch, string, found)
+            raise Doubt
+        return self._bent(self._known_by(string, found, state.z, state.parameter, state.laws, state.stretch))
 
     def _stepped(self, goal: float) -> tuple[State, str] | None:
         """The next state after a step that is short enough."""
         here, n = self._here, self._n
         fastest = self.longest / np.sqrt(here.tangent[:n] @ here.tangent[:n] + self.scale**2)
+        whole = goal - here.parameter
         for halving in range(HALVINGS + 1):
-            way = goal - here.parameter
-            if abs(way) > fastest * 0.5**halving:
-                way = np.copysign(fastest * 0.5**halving, way)
-            found = self._within(way, goal if way == goal - here.parameter else here.parameter + way)
+            way = np.copysign(min(abs(whole), fastest) * 0.5**halving, whole)
+            found = self._within(way, goal if way == whole else here.parameter + way)
             if found is not None:
                 return found
         return None
@@ -182,14 +199,16 @@ class LoadSteps:
         if here.softens(way):
             predict, size = here.stretched, here.elongation(way)
             if size is None:
-                size = -here.reserve / here.bend
+                size = -here.load_rate / here.load_bow
                 z, parameter = predict(size)
                 stretch = self.equations.stretch(z[: self._n], parameter)
                 if self._gone(stretch).any():
-                    return self._first_end(predict, size, stretch, way, goal)
+                    found = self._first_end(predict, size, stretch, way, goal)
+                    if found is not None:
+                        return found
                 limit = self._limit = self._limit or self._limit_point(way)
                 if limit is None:
-                    return None
+                    return self._nearer(0.5 * size, way, goal)
                 size = float(limit.stretch[here.string] - here.stretch[here.string])
         if limit is not None and (limit.parameter - goal) * way <= 0.0:
             found, kind = limit, "limit"
@@ -200,14 +219,38 @@ class LoadSteps:
                 return self._first_end(predict, size, stretch, way, goal)
             found, kind = self._load_beside(z, goal), ""
             if found is None:
-                return None
+                return self._own_end(way, goal) if limit is None and here.softens(way) else None
         if self._gone(found.stretch).any():
             return self._first_end(predict, size, found.stretch, way, goal)
         return found, kind
 
+    def _own_end(self, way: float, goal: float) -> tuple[State, str] | None:
+        """The kink where the softening string leaves its piece, or the load just before."""
+        here, string = self._here, self._here.string
+        stretch = here.stretch.copy()
+        longer = here.load_rate * way > 0.0
+        end = float((here.laws.upper if longer else here.laws.lower)[string])
+        if not np.isfinite(end):
+            return None
+        stretch[string] = end + np.copysign(2.0 * TOUCH, end - stretch[string])
+        return self._first_end(here.stretched, end - float(here.stretch[string]), stretch, way, goal)
+
     def _load_beside(self, guess: np.ndarray, goal: float) -> State | None:
         found = self._to_load(guess, goal, self._here.laws)
         return found if found is not None and self._near(found, guess) else None
+
+    def _nearer(self, e: float, way: float, goal: float) -> tuple[State, str] | None:
+        """A state on the way to a limit point, about at a change of e."""
+        here, saddle, n = self._here, self.saddle, self._n
+        z, parameter = here.stretched(e)
+        direction = here.rate[:n] / np.sqrt(here.rate[:n] @ here.rate[:n])
+        found = self._at_distance(z, parameter, here.laws, direction, float(direction @ z[:n]))
+        if found is None or not found.tangent[:n] @ here.tangent[:n] > 0.0:
+            return None
+        inside = (found.parameter - here.parameter) * way > 0.0 and (found.parameter - goal) * way < 0.0
+        if not inside or self._gone(found.stretch).any():
+            return None
+        return self._watched(found, way), ""
 
     def _gone(self, stretch: np.ndarray) -> np.ndarray:
         """(S,) bool: strings past the ends of their pieces."""
@@ -247,7 +290,7 @@ class LoadSteps:
                 found = self._load_beside(here.towards(found, goal), goal)
                 return None if found is None or self._gone(found.stretch).any() else (found, "")
             if not gone.any():
-                return (flipped, "kink") if (flipped := self._flipped(found, way)) is not None else None
+                return self._flipped(found, way), "kink"
             tried.append(first)
             stretch = found.stretch
         return None
@@ -286,9 +329,9 @@ class LoadSteps:
         if string < 0:
             state = State(z, parameter, laws, found[1], stretch)
         else:
-            state = self._bordered_state(z, parameter, laws, stretch, string, found)
+            state = self._bent(self._known_by(string, found, z, parameter, laws, stretch))
         here = self._here
-        if here is not None and here.laws is laws and here.parameter != parameter:
+        if string < 0 and here is not None and here.laws is laws and here.parameter != parameter:
             state.curvature = (state.tangent - here.tangent) / (parameter - here.parameter)
         return state
 
@@ -302,35 +345,45 @@ class LoadSteps:
         string = int(curved[worst])
         return string if change[worst] < -SOFTER * abs(saddle.stiffness[string]) else -1
 
-    def _bordered_state(self, z, parameter, laws, stretch, string: int, found: Bordered) -> State:
-        """A state known by a string's elongation."""
+    def _known_by(self, string: int, found: Bordered, z, parameter: float, laws: OnPieces, stretch) -> State:
+        """A state known by a string's elongation, from the system bordered by it."""
         saddle, wound = self.saddle, self._wound[string]
         (pull, nu), reserve = found.pull, -found.pull[1]
-        lever = found.push[1] + wound * nu
-        push = found.push[0] + wound * pull
+        lever, push = found.push[1] + wound * nu, found.push[0] + wound * pull
         rate = reserve / lever * push + pull
-        at = np.flatnonzero(laws.curved == string)
-        bend = float(saddle.bend[at[0]]) if len(at) else 0.0
-        tangent = rate * (lever / reserve)
-        return State(z, parameter, laws, tangent, stretch, 0.0, string, reserve, rate, lever, push,
-                     float(saddle.stiffness[string]), bend)  # fmt: skip
+        bends = np.zeros(len(stretch))
+        bends[laws.curved] = saddle.bend
+        return State(z, parameter, laws, rate * (lever / reserve), stretch, 0.0, string, reserve, lever, rate, push, bends,
+                     float(saddle.stiffness[string]))  # fmt: skip
 
-    def _towards(self, found: Bordered, string: int, gap: float) -> tuple[np.ndarray, float]:
-        """dz and dp to equilibrium with a string longer by the gap (m)."""
-        wound = self._wound[string]
+    def _bent(self, state: State) -> State:
+        """A state with its second derivatives, as the strings' laws make them; the system is still that of the state."""
+        saddle, curved = self.saddle, state.laws.curved
+        if len(curved):
+            directions = saddle.directions(curved)
+            rates = directions @ state.rate[: self._n] - self._wound[curved] * state.load_rate
+            bow, nu = saddle.again(-(state.bends[curved] * rates * rates) @ directions)
+            state.load_bow = -nu / state.lever
+            state.bow = bow + state.load_bow * state.push
+            state.curvature = (state.bow - state.load_bow * state.tangent) / state.load_rate**2
+        return state
+
+    def _towards(self, found: Bordered, wound: float, gap: float) -> tuple[np.ndarray, float]:
+        """dz and dp to equilibrium at a distance (m) along the direction that borders the system; wound: m per p, by how much
+        more as p grows."""
         (way, nu), (push, nu_push), (pull, nu_pull) = found
         p = -(nu + gap * nu_pull) / (nu_push + wound * nu_pull)
         return way + p * push + (gap + wound * p) * pull, p
 
-    def _to_end(self, z, parameter: float, laws: OnPieces, string: int, end: float) -> State | None:
-        """The stable equilibrium at which a string has an elongation."""
+    def _at_distance(self, z, parameter: float, laws: OnPieces, direction: np.ndarray, goal: float) -> State | None:
+        """The stable equilibrium with a given direction . x (m)."""
         saddle, n, last = self.saddle, self._n, np.inf
         for _ in range(NEWTON):
             saddle.at(z, parameter, laws)
-            found = saddle.bordered(saddle.direction(string))
+            found = saddle.bordered(direction)
             if found is None:
                 return None
-            step, p = self._towards(found, string, end - float(saddle.stretch[string]))
+            step, p = self._towards(found, 0.0, goal - float(direction @ z[:n]))
             size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
             if not size < 0.5 * last:
                 return None
@@ -342,12 +395,35 @@ class LoadSteps:
             return None
         if not (saddle.definite() and found.pull[1] < 0.0):
             return None
-        return self._bordered_state(z, parameter, laws, self.equations.stretch(z[:n], parameter), string, found)
+        tangent = found.push[0] - found.push[1] / found.pull[1] * found.pull[0]
+        return State(z, parameter, laws, tangent, self.equations.stretch(z[:n], parameter))
+
+    def _to_end(self, z, parameter: float, laws: OnPieces, string: int, end: float) -> State | None:
+        """The stable equilibrium at which a string has an elongation."""
+        saddle, n, last = self.saddle, self._n, np.inf
+        for _ in range(NEWTON):
+            saddle.at(z, parameter, laws)
+            found = saddle.bordered(saddle.direction(string))
+            if found is None:
+                return None
+            step, p = self._towards(found, self._wound[string], end - float(saddle.stretch[string]))
+            size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
+            if not size < 0.5 * last:
+                return None
+            z, parameter = z + step, parameter + p
+            if self._done(size, last):
+                break
+            last = size
+        else:
+            return None
+        if not (saddle.definite() and found.pull[1] < 0.0):
+            return None
+        return self._known_by(string, found, z, parameter, laws, self.equations.stretch(z[:n], parameter))
 
     # --- kinks
 
-    def _flipped(self, kink: State, way: float) -> State | None:
-        """The state at a kink on the pieces of the way on; None where these are in doubt."""
+    def _flipped(self, kink: State, way: float) -> State:
+        """The state at a kink on the pieces of the way on.  Raises Doubt."""
         laws, stretch, string = kink.laws, kink.stretch, kink.string
         low, high = np.abs(stretch - laws.lower) <= TOUCH, np.abs(stretch - laws.upper) <= TOUCH
         low[string] |= not high[string]
@@ -362,13 +438,14 @@ class LoadSteps:
         _, stiffness, bend = self.equations.laws.one(string, int(piece[string]), float(stretch[string]))
         reserve = kink.reserve + stiffness - kink.stiffness
         if not (kink.load_rate * way * outward > 0.0 and reserve > 0.0):
-            return None
+            raise Doubt
         rate = kink.rate + (reserve - kink.reserve) / kink.lever * kink.push
-        return replace(kink, laws=new, reserve=reserve, rate=rate, tangent=rate * (kink.lever / reserve), stiffness=stiffness,
-                       bend=bend)  # fmt: skip
+        kink.bends[string] = bend
+        return self._bent(replace(kink, laws=new, reserve=reserve, rate=rate, tangent=rate * (kink.lever / reserve),
+                                  stiffness=stiffness))  # fmt: skip
 
-    def _anew(self, kink: State, laws: OnPieces, touching: np.ndarray, high: np.ndarray, way: float) -> State | None:
-        """The same where several strings arrive together: the system is solved anew on these pieces.
+    def _anew(self, kink: State, laws: OnPieces, touching: np.ndarray, high: np.ndarray, way: float) -> State:
+        """The same where several strings arrive together: the system is solved anew on these pieces.  Raises Doubt.
 
         If every string gets stiffer, or every one softer, the tangent stiffness is positive definite on all mixtures of
         the pieces, too, so there is no other way on.
@@ -378,45 +455,47 @@ class LoadSteps:
         saddle.at(kink.z, kink.parameter, laws)
         found = saddle.bordered(saddle.direction(kink.string))
         if found is None or not (saddle.definite() and found.pull[1] < 0.0):
-            return None
-        state = self._bordered_state(kink.z, kink.parameter, laws, kink.stretch, kink.string, found)
+            raise Doubt
+        state = self._known_by(kink.string, found, kink.z, kink.parameter, laws, kink.stretch)
         change = saddle.stiffness[touching] - before
         rates = saddle.directions(touching) @ state.tangent[: self._n] - self._wound[touching]
         outward = np.where(high[touching], 1.0, -1.0) * way * rates
-        return state if (outward > 0.0).all() and ((change >= 0.0).all() or (change <= 0.0).all()) else None
+        if not ((outward > 0.0).all() and ((change >= 0.0).all() or (change <= 0.0).all())):
+            raise Doubt
+        return self._bent(state)
 
     # --- limit points
 
     def _limit_point(self, way: float) -> State | None:
-        """The limit point that the string on its falling piece leads to: the root of its reserve over its elongation."""
+        """The limit point to which a softening state leads: the root of dp/da over the distance a along the state's tangent."""
         here, saddle, n = self._here, self.saddle, self._n
-        string, laws = here.string, here.laws
-        if here.bend == 0.0:
-            return None
-        e = -here.reserve / here.bend
-        (z, parameter), before = here.stretched(e), None
+        laws, e = here.laws, -here.load_rate / here.load_bow
+        length = float(np.sqrt(here.rate[:n] @ here.rate[:n]))
+        direction = here.rate[:n] / length
+        z, parameter = here.stretched(e)
+        before = 0.0, here.load_rate / length
         for _ in range(ROOT):
             saddle.at(z, parameter, laws)
-            found = saddle.bordered(saddle.direction(string))
+            found = saddle.bordered(direction)
             if found is None:
                 return None
-            state = self._bordered_state(z, parameter, laws, saddle.stretch, string, found)
-            at = float(saddle.stretch[string])
-            change = None if before is None else at - before[0]
-            slope = state.bend if not change else (state.reserve - before[1]) / change
-            if slope == 0.0:
+            reserve, lever = -found.pull[1], found.push[1]
+            at, slope = float(direction @ (z[:n] - here.z[:n])), reserve / lever
+            change = at - before[0]
+            if not change or slope == before[1] or abs(slope) > 0.5 * abs(before[1]):
                 return None
-            before = at, state.reserve
-            gap = -state.reserve / slope
-            step, p = self._towards(found, string, gap)
+            gap, before = -slope * change / (slope - before[1]), (at, slope)
+            step, p = self._towards(found, 0.0, gap)
             size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
             if not size <= self.longest:
                 return None
             z, parameter = z + step, parameter + p
-            if size <= NEARLY:
+            flat = abs(p) <= RESOLVED * abs(parameter) and abs(reserve) <= RESOLVED * self.equations.stiffest
+            if size <= SHARP or flat and size <= FLAT:
                 break
         else:
             return None
         if not saddle.definite() or (parameter - here.parameter) * way < 0.0:
             return None
-        return replace(state, z=z, parameter=parameter, stretch=self.equations.stretch(z[:n], parameter))
+        rate, stretch = slope * found.push[0] + found.pull[0], self.equations.stretch(z[:n], parameter)
+        return State(z, parameter, laws, rate, stretch, string=here.string, rate=rate)

@@ -140,6 +140,13 @@ class Saddle:
         found = self._solved(right)
         return None if found is None else Bordered(*((row[:-1], float(row[-1])) for row in found))
 
+    def again(self, force: np.ndarray) -> tuple[np.ndarray, float]:
+        """dz and nu for another force (n,) and nothing missing, of the bordered system that was solved last."""
+        right = np.zeros(self.size + 1)
+        right[: self.n] = force
+        found, _ = lapack.dsytrs(*self._factor, right, lower=1)
+        return found[:-1], float(found[-1])
+
     def curvature(self, direction: np.ndarray) -> float:
         """N/m, of the potential energy along a direction (n,): its Rayleigh quotient."""
         return float(direction @ (self._tangent @ direction) / (direction @ direction))
