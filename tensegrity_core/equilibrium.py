@@ -15,7 +15,7 @@ import numpy as np
 from . import statics
 from .errors import InputError
 from .model import Model
-from .string_laws import StringLaws
+from .string_laws import string_laws
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Equations:
         self.loading, self.model = loading, loading.model
         model = self.model
         statics._require_small(model, "following an equilibrium path")
-        self.laws = StringLaws(model)
+        self.laws = string_laws(model)
         self._winding = bool(loading.rest_length_direction.any())
         self.stiffest = float(model.stiffness.max(initial=0.0))
         self.place = statics.places(model)

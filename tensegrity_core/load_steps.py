@@ -127,6 +127,25 @@ class LoadSteps:
             return ""
         return "to"
 
+    def arrived(self, free: np.ndarray, parameter: float, side: float) -> Point | None:
+        """The stable equilibrium at free coordinates (n,) that are one up to round-off, as the first point of a path on which p
+        grows (side > 0) or falls; None if it is none."""
+        saddle, laws, n = self.saddle, self.equations.laws, self._n
+        on = laws.on(laws.piece_of(self.equations.stretch(free, parameter) + TOUCH))  # at an end: the piece beyond
+        z = saddle.start(free, parameter)
+        saddle.at(z, parameter, on)
+        found = saddle.solve()
+        if found is None or not np.abs(found[0][:n]).max() <= SETTLED or not saddle.definite():
+            return None
+        state = State(z + found[0], parameter, on, found[1], saddle.stretch)
+        direction = np.append(side * state.tangent[:n], side * self.scale)
+        return self._point_of(state, direction, 0.0, "")
+
+    def _point_of(self, state: State, direction: np.ndarray, arc: float, kind: str) -> Point:
+        equations, free, parameter, piece = self.equations, state.z[: self._n], state.parameter, state.laws.piece
+        local = Local(equations, lambda: equations.at(free, parameter, piece), kind != "limit")
+        return Point(float(parameter), free, piece, direction / np.sqrt(direction @ direction), local, arc, kind)
+
     def _state(self, point: Point, way: float) -> State:
         """A path's stable point as a state.  Raises Doubt."""
         saddle, laws, p = self.saddle, self.equations.laws.on(point.piece), point.parameter
@@ -149,12 +168,9 @@ class LoadSteps:
         else:
             sign = np.copysign(1.0, state.parameter - before.parameter)
             direction = np.append(sign * state.tangent[:n], sign * self.scale)
-        direction /= np.sqrt(direction @ direction)
-        equations, free, parameter, piece = self.equations, state.z[:n], state.parameter, state.laws.piece
         if state.laws is not before.laws:
             self._limit = None
-        local = Local(equations, lambda: equations.at(free, parameter, piece), kind != "limit")
-        self._here, self._point = state, Point(parameter, free, piece, direction, local, path.points[-1].arc + arc, kind)
+        self._here, self._point = state, self._point_of(state, direction, path.points[-1].arc + arc, kind)
         path.points.append(self._point)
 
     # --- which point is next

@@ -47,6 +47,7 @@ FAR = 4.0  # a tangent found that long (squared) turns by more than 60 degrees, 
 CRITICAL = 1e4  # eigenvalues below so many times their round-off vanish at a branch point
 ASIDE = 1e-3  # how far beside a branch point another path is looked for, as part of the shortest bar
 MOST_POINTS = 20_000
+INWARD = 1e-9  # m/m: a string that leaves the end of its piece more slowly does not leave it
 MOST_TOUCHING = 8  # strings that arrive at the ends of their pieces together
 
 
@@ -375,9 +376,9 @@ class _Follower:
         """All ways on from a kink: other pieces than those on which it was reached (each touching string on the one below or
         above its end) whose tangent moves the strings into these very pieces."""
         found = []
-        for up in itertools.product((1, 0), repeat=len(touching)):
+        for up in self._consistent(free, parameter, below, touching, along):
             piece = below.copy()
-            piece[touching] += np.array(up, dtype=int)
+            piece[touching] += up
             if np.array_equal(piece, came_on):
                 continue
             tangent = self.equations.at(free, parameter, piece)
@@ -387,10 +388,31 @@ class _Follower:
             rest = self.equations.loading.rest_length_direction / self.scale
             rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
             for sign in (1.0, -1.0):
-                if (np.where(np.array(up, dtype=bool), sign, -sign) * rate >= -1e-9).all():
+                if (np.where(up, sign, -sign) * rate >= -INWARD).all():
                     local = Local(self.equations, lambda tangent=tangent: tangent)
                     found.append(Point(parameter, free, piece, sign * direction, local, arc, "kink"))
         return found
+
+    def _consistent(self, free, parameter, below, touching, along) -> np.ndarray:
+        """(C, T) 0 or 1: which touching strings are above their ends, of all combinations that may be a way on.  All are
+        tried at once: they differ in these strings' stiffnesses only."""
+        ups = np.array(list(itertools.product((1, 0), repeat=len(touching))), dtype=int).reshape(-1, len(touching))
+        if len(touching) < 2:
+            return ups
+        equations, above = self.equations, below.copy()
+        above[touching] += 1
+        base = equations.at(free, parameter, below)
+        gain = ups * (equations.laws(base.stretch, above)[1] - equations.laws(base.stretch, below)[1])[touching]
+        wound = equations.loading.rest_length_direction[touching]
+        growth = base.growth[touching] @ base.basis
+        matrix = np.repeat(_bordered(base, self.scale, along)[None], len(ups), axis=0)
+        matrix[:, :-1, :-1] += np.einsum("ct,ti,tj->cij", gain, growth, growth)
+        matrix[:, :-1, -1] -= (gain * wound) @ growth / self.scale
+        direction = np.linalg.pinv(matrix, rcond=SINGULAR)[:, :, -1]
+        rate = direction[:, :-1] @ growth.T - direction[:, -1:] * wound / self.scale
+        size = INWARD * np.sqrt((direction * direction).sum(axis=1, keepdims=True)) + 1e-9 * np.abs(rate).max(axis=1, keepdims=True)
+        inward = np.where(ups, rate, -rate)
+        return ups[((inward >= -2.0 * size).all(axis=1)) | ((inward <= 2.0 * size).all(axis=1))]
 
     # --- limit and branch points
 

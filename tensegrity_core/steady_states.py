@@ -25,7 +25,6 @@ from . import quick_flow, statics
 from .equilibrium import Equations, Loading
 from .errors import InputError
 from .load_steps import LoadSteps
-from .saddle import Saddle
 from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
@@ -108,7 +107,7 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Poi
                 path.end = "to" if done == len(goals) else ""
         if path.end == "to":
             return path.points[-1]
-        here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
+        here = _jumped(sweep, steps, path, side, abs(goals[-1] - goals[0]))
         while done < len(goals) and side * goals[done] <= side * here.parameter:
             sweep.states.append(point_at(equations, scale, equations.nodes(here.free), goals[done], side))
             done += 1
@@ -122,31 +121,33 @@ def _follow(path: Path, goal: float, side: float) -> None:
     path.end = further.end
 
 
-def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> Point:
+def _jumped(sweep: Sweep, steps: LoadSteps, path: Path, side: float, way: float) -> Point:
     """The stable state that the flow reaches from the end of a path."""
     equations, last = sweep.equations, path.points[-1]
     parameter = last.parameter + side * BEYOND[path.end] * way
-    found = _flow(equations, path, parameter, side)
-    here = point_at(equations, scale, equations.nodes(found), parameter, side)
+    escape = _escape(path, side)
+    start = equations.moved(last.free, 0.1 * statics._step_limit(equations.model) * escape)
+    found = quick_flow.settled(steps.saddle, start, escape, parameter)
+    here = None if found is None else steps.arrived(found, parameter, side)
+    if here is None:
+        surface = FlowSurface(equations, parameter)
+        found = statics.descend(surface, start, surface.balanced)
+        here = point_at(equations, path.scale, equations.nodes(found), parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
     sweep.jumps.append(Jump(parameter, last, here, path.end))
     return here
 
 
-def _flow(equations: Equations, path: Path, parameter: float, side: float) -> np.ndarray:
-    """(n,) where the overdamped flow leads from the end of a path."""
-    last, surface = path.points[-1], FlowSurface(equations, parameter)
+def _escape(path: Path, side: float) -> np.ndarray:
+    """(n,) unit vector along which the structure leaves the end of a path."""
+    last = path.points[-1]
     if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
         beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
-        escape = _unit(path.points[-2 if beside else -1].direction[:-1])
-    else:
-        tangent = last.local.tangent
-        escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
-        escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
-    start = equations.moved(last.free, 0.1 * surface.reach * escape)
-    found = quick_flow.settled(Saddle(equations), start, escape, parameter)
-    return statics.descend(surface, start, surface.balanced) if found is None else found
+        return _unit(path.points[-2 if beside else -1].direction[:-1])
+    tangent = last.local.tangent
+    escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
+    return escape * np.sign(escape[np.argmax(np.abs(escape))])
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -102,15 +102,22 @@ def _fitted(nsh: NSH, number: int, piece, count: int) -> tuple[tuple[_Panel, ...
     return tuple(panels), error
 
 
+def string_laws(model: Model) -> StringLaws:
+    """The laws of a model's strings; made once for all models with the same."""
+    return _made(model.nsh, tuple(model.stiffness.tolist()))
+
+
 class StringLaws:
-    """Tension, stiffness and energy of a model's strings.
+    """Tension, stiffness and energy of strings.  Make one with `string_laws`.
+
+    nsh: per string its NSH, or None; stiffness: of all strings, N/m.
 
     lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece.
     """
 
-    def __init__(self, model: Model):
-        pieces = [_pieces(law, float(k)) for law, k in zip(model.nsh, model.stiffness)]
-        ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in model.nsh]
+    def __init__(self, nsh: tuple[NSH | None, ...], stiffness: tuple[float, ...]):
+        pieces = [_pieces(law, k) for law, k in zip(nsh, stiffness)]
+        ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in nsh]
         most = max((len(p) for p in pieces), default=0)
         shape = (len(pieces), most)
         self._known: dict[bytes, OnPieces] = {}
@@ -125,7 +132,7 @@ class StringLaws:
             self._ends[s, : len(breaks)] = breaks
             self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
             for p, row in enumerate(own):
-                key = (model.nsh[s], p, float(model.stiffness[s]))
+                key = (nsh[s], p, stiffness[s])
                 if key not in rows:
                     rows[key] = len(panels)
                     panels += row
@@ -251,6 +258,9 @@ class OnPieces:
         full = self._stiffness.copy()
         full[self.curved] = stiffness
         return force, full, bend
+
+
+_made = lru_cache(maxsize=32)(StringLaws)
 
 
 def _pieces(law: NSH | None, k: float) -> list[tuple[_Panel, ...]]:

@@ -15,7 +15,7 @@ from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import NSH, Model
 from tensegrity_core.paths import PathError
-from tensegrity_core.string_laws import StringLaws
+from tensegrity_core.string_laws import string_laws
 
 L, B, K = 1.0, 0.6, 900.0  # m, m, N/m
 TILT = np.radians(35.0)
@@ -200,7 +200,7 @@ def test_strings_laws_are_the_exact_ones():
 
     law = NSH((6.0, 8.0, 10.0), (3.0, 4.0, 5.0), (0.01, 0.01, 0.015))
     model = one_bar(at(TILT), [[-B, 0.0, 0.0], [B, 0.0, 2.0]], [1.0, 1.0], nsh=law)
-    laws = StringLaws(model)
+    laws = string_laws(model)
     for x in np.linspace(-0.01, 0.09, 401):
         stretch = np.array([x, x])
         piece = laws.piece_of(stretch)
