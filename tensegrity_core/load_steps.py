@@ -98,6 +98,23 @@ class State:
         return self.z + part * (first + part * (change - first))
 
 
+def _crossing(start: np.ndarray, middle: np.ndarray, last: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(C,) 0..1: where quadratics through three elongations each (C,), at 0, 1/2 and 1, first leave for an end (C,), m.  One
+    that starts at its end leaves it on the other side first, and comes back."""
+    slope, bow = 4.0 * middle - last - 3.0 * start, 2.0 * (last + start) - 4.0 * middle
+    gap = end - start
+    rest = np.sqrt(np.maximum(slope * slope + 4.0 * bow * gap, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = -0.5 * (slope + np.copysign(rest, slope)) / bow  # the two roots of slope t + bow t^2 = gap
+        near = gap / (-bow * far)
+        roots = np.stack([near, far])
+        roots[~((roots > 0.0) & (roots <= 1.0))] = np.inf
+        roots[0, np.abs(gap) <= TOUCH] = np.inf
+        part = roots.min(axis=0)
+        straight = np.clip(gap / (last - start), 0.0, 1.0)
+    return np.where(np.isfinite(part), part, np.nan_to_num(straight))
+
+
 class LoadSteps:
     """Follows stable paths of one system of equations."""
 
@@ -128,18 +145,21 @@ class LoadSteps:
         return "to"
 
     def arrived(self, free: np.ndarray, parameter: float, side: float) -> Point | None:
-        """The stable equilibrium at free coordinates (n,) that are one up to round-off, as the first point of a path on which p
-        grows (side > 0) or falls; None if it is none."""
-        saddle, laws, n = self.saddle, self.equations.laws, self._n
+        """The stable equilibrium beside free coordinates (n,), as the first point of a path on which p grows (side > 0) or
+        falls; None if there is none on the pieces that the strings have there."""
+        laws = self.equations.laws
+        self._here = self._limit = self._point = None
         on = laws.on(laws.piece_of(self.equations.stretch(free, parameter) + TOUCH))  # at an end: the piece beyond
-        z = saddle.start(free, parameter)
-        saddle.at(z, parameter, on)
-        found = saddle.solve()
-        if found is None or not np.abs(found[0][:n]).max() <= SETTLED or not saddle.definite():
+        state = self._to_load(self.saddle.start(free, parameter), parameter, on)
+        if state is None or ((state.stretch < on.lower - TOUCH) | (state.stretch > on.upper + TOUCH)).any():
             return None
-        state = State(z + found[0], parameter, on, found[1], saddle.stretch)
-        direction = np.append(side * state.tangent[:n], side * self.scale)
-        return self._point_of(state, direction, 0.0, "")
+        try:
+            self._here = self._watched(state, side) if len(on.curved) else state
+        except Doubt:
+            return None
+        direction = np.append(side * state.tangent[: self._n], side * self.scale)
+        self._point = self._point_of(state, direction, 0.0, "")
+        return self._point
 
     def _point_of(self, state: State, direction: np.ndarray, arc: float, kind: str) -> Point:
         equations, free, parameter, piece = self.equations, state.z[: self._n], state.parameter, state.laws.piece
@@ -286,29 +306,31 @@ class LoadSteps:
 
     def _first_end(self, predict, size: float, stretch: np.ndarray, way: float, goal: float) -> tuple[State, str] | None:
         """The kink where the first string leaves its piece, on the way to these elongations."""
-        here, laws = self._here, self._here.laws
+        here, laws, parameter = self._here, self._here.laws, self._here.parameter
         tried: list[int] = []
         gone = self._gone(stretch)
+        z, p = predict(0.5 * size)
+        middle = self.equations.stretch(z[: self._n], p)
         for _ in range(FIRST):
-            end = np.where(stretch > laws.upper, laws.upper, laws.lower)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                part = np.where(gone, (end - here.stretch) / (stretch - here.stretch), np.inf)
-            part[tried] = np.inf
-            first = int(np.argmin(part))
-            if not np.isfinite(part[first]):
+            strings = np.flatnonzero(gone)
+            strings = strings[~np.isin(strings, tried)]
+            if not len(strings):
                 return None
-            guess = predict(min(max(float(part[first]), 0.0), 1.0) * size)
-            found = self._to_end(*guess, laws, first, float(end[first]))
-            if found is None or (found.parameter - here.parameter) * way < 0.0:
+            end = np.where(stretch > laws.upper, laws.upper, laws.lower)[strings]
+            part = _crossing(here.stretch[strings], middle[strings], stretch[strings], end)
+            first = int(np.argmin(part))
+            string = int(strings[first])
+            found = self._to_end(*predict(float(part[first]) * size), laws, string, float(end[first]))
+            if found is None or (found.parameter - parameter) * way < 0.0:
                 return None
             gone = self._gone(found.stretch)
-            if not gone.any() and (found.parameter - goal) * way > 0.0:
+            if not gone.any():
+                if (found.parameter - goal) * way <= 0.0:
+                    return self._flipped(found, way), "kink"
                 found = self._load_beside(here.towards(found, goal), goal)
                 return None if found is None or self._gone(found.stretch).any() else (found, "")
-            if not gone.any():
-                return self._flipped(found, way), "kink"
-            tried.append(first)
-            stretch = found.stretch
+            tried.append(string)
+            stretch = np.where(gone, found.stretch, stretch)
         return None
 
     # --- Newton's method

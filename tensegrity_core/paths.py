@@ -394,8 +394,8 @@ class _Follower:
         return found
 
     def _consistent(self, free, parameter, below, touching, along) -> np.ndarray:
-        """(C, T) 0 or 1: which touching strings are above their ends, of all combinations that may be a way on.  All are
-        tried at once: they differ in these strings' stiffnesses only."""
+        """(C, T) 0 or 1: which touching strings are above their ends, of all combinations that may be a way on, and on which
+        nothing moves freely.  All are tried at once: they differ in these strings' stiffnesses only."""
         ups = np.array(list(itertools.product((1, 0), repeat=len(touching))), dtype=int).reshape(-1, len(touching))
         if len(touching) < 2:
             return ups
@@ -408,6 +408,9 @@ class _Follower:
         matrix = np.repeat(_bordered(base, self.scale, along)[None], len(ups), axis=0)
         matrix[:, :-1, :-1] += np.einsum("ct,ti,tj->cij", gain, growth, growth)
         matrix[:, :-1, -1] -= (gain * wound) @ growth / self.scale
+        values = np.abs(np.linalg.eigvalsh(matrix[:, :-1, :-1]))
+        held = values.min(axis=1) > statics.NEUTRAL * np.maximum(values.max(axis=1), equations.stiffest)
+        ups, gain, matrix = ups[held], gain[held], matrix[held]
         direction = np.linalg.pinv(matrix, rcond=SINGULAR)[:, :, -1]
         rate = direction[:, :-1] @ growth.T - direction[:, -1:] * wound / self.scale
         size = INWARD * np.sqrt((direction * direction).sum(axis=1, keepdims=True)) + 1e-9 * np.abs(rate).max(axis=1, keepdims=True)

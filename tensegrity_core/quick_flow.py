@@ -13,20 +13,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from .paths import SETTLED
 from .saddle import Saddle
 
 MOST = 150  # steps
 PART_OF_BAR, PART_OF_BEAM = 0.03, 0.4  # longest step, of a node and of an NSH's elongation
 GROWTH = 4.0  # of what is unstable, in one step
 STIFFER = 4.0  # the next shorter time that is tried
+NEAR = 1e-3  # the flow is at its end where a step of Newton's is so short, beside the longest
 KINKS = 2  # how often a step is tried again on the pieces to which it led
 SLOWEST = 1e-4  # the longest time that is not infinite, as a part of the stiffest string's 1/k, is the inverse of this
 
 
 def settled(saddle: Saddle, free: np.ndarray, direction: np.ndarray, parameter: float) -> np.ndarray | None:
-    """(n,) the strictly stable equilibrium to which the flow leads from free coordinates (n,), None where it comes to none in
-    so many steps.  direction: (n,), in which it sets out."""
+    """(n,) where the flow from free coordinates (n,) is so near to a strictly stable equilibrium that Newton's method takes it
+    there, None where it comes to none in so many steps.  direction: (n,), in which it sets out."""
     equations, laws, n = saddle.equations, saddle.equations.laws, saddle.n
     longest = PART_OF_BAR * float(equations.model.bar_length.min())
     honeycombs = np.array(equations.model.nsh_strings, dtype=int)
@@ -74,6 +74,6 @@ def settled(saddle: Saddle, free: np.ndarray, direction: np.ndarray, parameter: 
         work = float(saddle.force @ direction)
         z = z + step
         pace = 0.0 if excess < 0.5 else slowness / STIFFER
-        if slowness == 0.0 and np.sqrt(direction @ direction) <= SETTLED:
+        if slowness == 0.0 and excess <= NEAR:
             return z[:n]
     return None

@@ -243,15 +243,17 @@ class OnPieces:
         x = stretch[self.curved]
         row = ((x - self._start) * self._density).astype(int)
         row = self._first + np.minimum(np.maximum(row, 0), self._most)
-        centre, half, reach = self._spans[:, row]
-        t = (x - centre) / half
-        inside = np.minimum(np.maximum(t, -reach), reach)
+        centre, half, reach = self._spans.take(row, axis=1)
+        t = inside = (x - centre) / half
+        beyond = (np.abs(t) > reach).any()
+        if beyond:
+            inside = np.minimum(np.maximum(t, -reach), reach)
         powers = self._powers
         powers[:, 1:, 0] = inside[:, None]
         np.multiply.accumulate(powers, axis=1, out=powers)
-        tension, stiffness, bend = (self._laws[row] @ powers)[:, :, 0].T
-        over = (t - inside) * half
-        if over.any():
+        tension, stiffness, bend = (self._laws.take(row, axis=0) @ powers)[:, :, 0].T
+        if beyond:
+            over = (t - inside) * half
             tension = tension + over * (stiffness + 0.5 * bend * over)
             stiffness = stiffness + bend * over
         force[self.curved] = tension
