@@ -16,7 +16,7 @@ import numpy as np
 from .saddle import Saddle
 
 MOST = 150  # steps
-PART_OF_BAR, PART_OF_BEAM = 0.03, 0.4  # longest step, of a node and of an NSH's elongation
+PART_OF_BAR, PART_OF_BEAM = 0.03, 0.4  # longest step, of a node and of the elongation of what snaps
 GROWTH = 4.0  # of what is unstable, in one step
 STIFFER = 4.0  # the next shorter time that is tried
 NEAR = 1e-3  # the flow is at its end where a step of Newton's is so short, beside the longest
@@ -29,8 +29,8 @@ def settled(saddle: Saddle, free: np.ndarray, direction: np.ndarray, parameter: 
     there, None where it comes to none in so many steps.  direction: (n,), in which it sets out."""
     equations, laws, n = saddle.equations, saddle.equations.laws, saddle.n
     longest = PART_OF_BAR * float(equations.model.bar_length.min())
-    honeycombs = np.array(equations.model.nsh_strings, dtype=int)
-    narrow = np.array([PART_OF_BEAM * min(equations.model.nsh[i].h) for i in honeycombs])
+    beams = np.flatnonzero(np.isfinite(laws.narrow))
+    narrow = PART_OF_BEAM * laws.narrow[beams]
     z, pace, work, tried, watched, on = saddle.start(free, parameter), 0.0, np.inf, 0, None, None
     for _ in range(MOST):
         stretch = equations.stretch(z[:n], parameter)
@@ -64,7 +64,7 @@ def settled(saddle: Saddle, free: np.ndarray, direction: np.ndarray, parameter: 
                 direction = step[:n]
                 excess = float(np.abs(direction).max()) / longest
                 if len(narrow):
-                    excess = max(excess, float((np.abs(saddle.directions(honeycombs) @ direction) / narrow).max()))
+                    excess = max(excess, float((np.abs(saddle.directions(beams) @ direction) / narrow).max()))
                 if excess <= 1.0:
                     break
                 stiffness = saddle.curvature(direction)  # steps are about as F / (stiffness + slowness)

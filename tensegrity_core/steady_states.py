@@ -29,7 +29,7 @@ from .paths import Path, PathError, Point, between, branches, follow_from, point
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
 BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
-PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of an NSH's elongation
+PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of the elongation of what snaps
 SAME = 1e-7  # m: states nearer than this are one
 FIRST_SPAN, LATER = 0.25, 1.5  # s: of a sudden load, before the first look; each span is so much longer than the one before
 STILL = 2e-4  # m: a swing about a stable state that takes no structure out of its basin
@@ -167,7 +167,7 @@ class FlowSurface(statics._Surface):
         super().__init__(model, loading.forces(parameter), statics._Modes)
         self.equations, self.parameter = equations, parameter
         self._far = PART_OF_BAR * float(model.bar_length.min())
-        self._narrow = np.array([PART_OF_BEAM * min(law.h) if law else np.inf for law in model.nsh])
+        self._narrow = PART_OF_BEAM * equations.laws.narrow
         self._trial = self._stretch = None
 
     def gone(self, free: np.ndarray) -> float:

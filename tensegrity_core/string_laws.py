@@ -1,31 +1,35 @@
 """The elastic tension of all strings at once, each on a given piece of its force curve.
 
 Pieces are numbered as in `nsh`: 0 is slack, 1 taut; an NSH goes on with the pieces of its series curve, up to the one
-where it has bottomed out.  On its piece a string's law is smooth, also beyond the piece's ends, so that Newton's method
-needs to know of no kink.
+where it has bottomed out, any other element without memory with those of `laws`.  On its piece a string's law is smooth,
+also beyond the piece's ends, so that Newton's method needs to know of no kink.
 
 Every piece is a row of panels, and on a panel force and stiffness are polynomials of t = -1..1.  Slack, linear, snap and
-bottomed-out pieces are polynomials anyway.  Rises are cut into panels until the Chebyshev interpolants of the exact
-force and of the exact stiffness err by round-off only; beyond its ends a rise goes on with its second order Taylor polynomial.
+bottomed-out pieces, polynomials and tables are polynomials anyway.  All others, as rises, are cut into panels until the
+Chebyshev interpolants of the exact force and of the exact stiffness err by round-off only; beyond its ends a rise goes on
+with its second order Taylor polynomial.
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
+from . import laws
 from . import nsh as nsh_law
+from .curves import HeldCurve
+from .elements import Element
+from .errors import InputError
 from .model import NSH, Model
 
 DEGREE = 11
 ACCURACY = 2e-15  # largest error of a rise's force, relative to the end force
 MAX_PANELS = 256
 MOST_KNOWN = 1000  # combinations of pieces that are kept ready
-
-
 _POWERS = np.arange(DEGREE + 1)
 
 
@@ -68,56 +72,94 @@ def _snap(nsh: NSH, piece, stored: float) -> _Panel:
 
 
 def _rise(nsh: NSH, number: int, piece) -> tuple[_Panel, ...]:
-    """Chebyshev interpolants on equal panels, as many as ACCURACY asks for."""
+    def values(x, which):
+        if which:
+            return np.asarray(nsh_law.stiffness(nsh, np.clip(x, piece.xi_start, piece.xi_end), 0.0))
+        return np.array([nsh_law.force_on_piece(nsh, number, e, 0.0) for e in x])
+
+    def energy(x):
+        return float(nsh_law.energy(nsh, x, 0.0))
+
+    return _interpolated(piece.xi_start, piece.xi_end, values, energy, ACCURACY * nsh_law.curve(nsh).end_force)
+
+
+def _interpolated(start: float, end: float, values, energy, error: float) -> tuple[_Panel, ...]:
+    """Chebyshev interpolants on equal panels from start to end (m), as many as the error (N) asks for.
+
+    values: (x, 0) gives force, (x, 1) stiffness at several elongations; energy: J at one.
+    """
     best, best_error = (), np.inf
     count = 4
     while count <= MAX_PANELS:
-        panels, error = _fitted(nsh, number, piece, count)
-        if error < best_error:
-            best, best_error = panels, error
-        if error <= ACCURACY * nsh_law.curve(nsh).end_force or error > 0.5 * best_error and count > 16:
+        panels, largest = _fitted(start, end, values, energy, count)
+        if largest < best_error:
+            best, best_error = panels, largest
+        if largest <= error or largest > 0.5 * best_error and count > 16:
             break
         count *= 2
     return best
 
 
-def _fitted(nsh: NSH, number: int, piece, count: int) -> tuple[tuple[_Panel, ...], float]:
+def _fitted(start: float, end: float, values, energy, count: int) -> tuple[tuple[_Panel, ...], float]:
     """So many panels, and the largest error of their forces between the nodes, N."""
-    half = 0.5 * (piece.xi_end - piece.xi_start) / count
+    half = 0.5 * (end - start) / count
     between = np.array([-0.95, -0.4, 0.13, 0.7])
     panels, error = [], 0.0
     for i in range(count):
-        centre = piece.xi_start + (2 * i + 1) * half
-
-        def force(t):
-            return np.array([nsh_law.force_on_piece(nsh, number, centre + half * x, 0.0) for x in t])
-
-        def stiffness(t):
-            return np.asarray(nsh_law.stiffness(nsh, centre + half * np.clip(t, -1.0, 1.0), 0.0))
-
-        fits = [chebyshev.cheb2poly(chebyshev.chebinterpolate(law, DEGREE)) for law in (force, stiffness)]
-        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - force(between)).max()))
-        stored = float(nsh_law.energy(nsh, centre - half, 0.0))
-        panels.append(_panel(centre, half, 1.0, *fits, stored))
+        centre = start + (2 * i + 1) * half
+        fits = [
+            chebyshev.cheb2poly(chebyshev.chebinterpolate(lambda t, which=which: values(centre + half * t, which), DEGREE))
+            for which in (0, 1)
+        ]
+        exact = values(centre + half * between, 0)
+        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - exact).max()))
+        panels.append(_panel(centre, half, 1.0, *fits, energy(centre - half)))
     return tuple(panels), error
 
 
 def string_laws(model: Model) -> StringLaws:
-    """The laws of a model's strings; made once for all models with the same."""
-    return _made(model.nsh, tuple(model.stiffness.tolist()))
+    """The laws of a model's strings; made once for all models with the same.
+
+    Raises InputError for a string with memory, and for one whose law goes on for ever and is no polynomial there.
+    """
+    for i in model.memories:
+        raise InputError(f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of its "
+                         "elongation; let statics.settle follow it, which carries the state of such strings along")
+    kinds = tuple(model.laws.get(i, model.nsh[i]) for i in range(len(model.strings)))
+    try:
+        return _made(kinds, tuple(model.stiffness.tolist()))
+    except _NoPanels as failure:
+        raise InputError(f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law goes "
+                         "on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
+                         "stop or a straight line") from None
+
+
+class _NoPanels(Exception):
+    """A piece that no panels cover; string: its number; start: m, where the piece begins."""
+
+    def __init__(self, start: float):
+        super().__init__(start)
+        self.start, self.string = start, -1
 
 
 class StringLaws:
     """Tension, stiffness and energy of strings.  Make one with `string_laws`.
 
-    nsh: per string its NSH, or None; stiffness: of all strings, N/m.
+    kinds: per string its NSH or element, or None for a spring; stiffness: of all strings, N/m.
 
-    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece.
+    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece;
+    narrow: (S,) m, what a step of the elongation must be small beside, inf where nothing falls.
     """
 
-    def __init__(self, nsh: tuple[NSH | None, ...], stiffness: tuple[float, ...]):
-        pieces = [_pieces(law, k) for law, k in zip(nsh, stiffness)]
-        ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in nsh]
+    def __init__(self, kinds: tuple[NSH | Element | None, ...], stiffness: tuple[float, ...]):
+        pieces, ends = [], []
+        for i, (kind, k) in enumerate(zip(kinds, stiffness)):
+            try:
+                pieces.append(_pieces(kind, k))
+            except _NoPanels as failure:
+                failure.string = i
+                raise
+            ends.append(_breakpoints(kind))
         most = max((len(p) for p in pieces), default=0)
         shape = (len(pieces), most)
         self._known: dict[bytes, OnPieces] = {}
@@ -132,7 +174,7 @@ class StringLaws:
             self._ends[s, : len(breaks)] = breaks
             self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
             for p, row in enumerate(own):
-                key = (nsh[s], p, stiffness[s])
+                key = (kinds[s], p, stiffness[s])
                 if key not in rows:
                     rows[key] = len(panels)
                     panels += row
@@ -146,6 +188,7 @@ class StringLaws:
         self._laws = np.stack([_table(row) for row in rows], axis=1)
         self._energy = _table([p.energy for p in panels], DEGREE + 2)
         self.falls = self._falling()
+        self.narrow = np.array([_narrow(kind) for kind in kinds])
 
     def _falling(self) -> np.ndarray:
         """(S, P): whether the stiffness is negative somewhere on a piece."""
@@ -265,15 +308,70 @@ class OnPieces:
 _made = lru_cache(maxsize=32)(StringLaws)
 
 
-def _pieces(law: NSH | None, k: float) -> list[tuple[_Panel, ...]]:
+def _narrow(kind: NSH | Element | None) -> float:
+    """m: the lowest beam of an NSH, an element's shortest stretch on which the force falls."""
+    if kind is None:
+        return np.inf
+    if isinstance(kind, NSH):
+        return min(kind.h)
+    return min((one.end - one.start for one in laws.law(kind).stretches if one.sign < 0), default=np.inf)
+
+
+def _breakpoints(kind: NSH | Element | None) -> np.ndarray:
+    """(P+1,) m, where the pieces of a string end."""
+    if kind is None:
+        return np.array([0.0])
+    return nsh_law.breakpoints(kind) if isinstance(kind, NSH) else np.array(laws.law(kind).breakpoints)
+
+
+def _pieces(kind: NSH | Element | None, k: float) -> list[tuple[_Panel, ...]]:
     """Panels of a string's pieces from 0 on; k: N/m."""
     slack = _panel(0.0, 1.0, np.inf, [0.0], [0.0], 0.0)
-    if law is None:
+    if kind is None:
         return [(slack,), (_panel(0.0, 1.0, np.inf, [0.0, k], [k], 0.0),)]
-    c = nsh_law.curve(law)
-    end = c.breakpoints[-1]
-    beyond = _panel(end, 1.0, np.inf, [c.end_force, k], [k], float(nsh_law.energy(law, end, k)))
-    return [(slack,), *_nsh_panels(law), (beyond,)]
+    if isinstance(kind, NSH):
+        c = nsh_law.curve(kind)
+        end, end_force, stored = c.breakpoints[-1], c.end_force, float(nsh_law.energy(kind, c.breakpoints[-1], k))
+        return [(slack,), *_nsh_panels(kind), (_panel(end, 1.0, np.inf, [end_force, k], [k], stored),)]
+    law = laws.law(kind)
+    found = [(slack,), *_element_panels(kind)]
+    if law.end < math.inf:
+        found.append((_panel(law.end, 1.0, np.inf, [law.end_force, k], [k], law.energy(law.end)),))
+    return found
+
+
+@lru_cache(maxsize=64)
+def _element_panels(element: Element) -> tuple[tuple[_Panel, ...], ...]:
+    """Panels of an element's pieces 1..P: a polynomial's own where it is one, else interpolants.  Raises _NoPanels."""
+    law = laws.law(element)
+    largest = max(abs(one.last) for one in law.stretches if one.last < math.inf) if law.stretches[0].last < math.inf else 1.0
+    found = []
+    for number, piece in enumerate(law.pieces, 1):
+        stored, local = law.energy(piece.start), _local(piece.curve, piece.start, piece.end)
+        if local is not None:
+            found.append((_panel(piece.start, 1.0, np.inf, local, polynomial.polyder(local), stored),))
+        elif piece.end == math.inf:
+            raise _NoPanels(piece.start)
+        else:
+            def values(x, which, number=number):
+                return np.array([law._value(number, float(e), 0.0)[which] for e in x])
+
+            found.append(_interpolated(piece.start, piece.end, values, law.energy, ACCURACY * largest))
+    return tuple(found)
+
+
+def _local(curve, start: float, end: float) -> np.ndarray | None:
+    """Coefficients of a piece's force in powers of x - start, None where it is no polynomial of up to DEGREE."""
+    if isinstance(curve, HeldCurve):
+        return _local(curve.part, start - curve.held, end - curve.held)
+    if hasattr(curve, "local"):
+        found = curve.local(start)
+        return found if found is not None and len(found) <= DEGREE else None
+    if end == math.inf:  # a series of straight lines, all others at their stops, is a straight line
+        force, slope, _ = curve.value(start)
+        straight = all(abs(curve.value(start + x)[1] - slope) <= 1e-13 * slope for x in (1e-3, 1.0, 1e3))
+        return np.array([force, slope]) if straight else None
+    return None
 
 
 def _table(rows: list[np.ndarray], count: int = DEGREE + 1) -> np.ndarray:
