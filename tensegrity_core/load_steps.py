@@ -29,6 +29,7 @@ SHARP = 5e-9  # m: the last step towards a limit point, whose p is then right to
 FLAT, RESOLVED = 1e-5, 1e-12  # where two folds coincide, a limit point's place (m) is not told better, but p and reserve are
 FIRST = 3  # strings that are tried as the first to leave its piece
 SOFTER = 0.05  # a string that loses more of its stiffness from one state to the next is watched
+NEARER = (0.5, 0.2, 0.08)  # parts of the way to a limit point that are tried where it is not found at once
 HALVINGS = 2  # of a step that turns too much
 
 
@@ -244,7 +245,7 @@ class LoadSteps:
                         return found
                 limit = self._limit = self._limit or self._limit_point(way)
                 if limit is None:
-                    return self._nearer(0.5 * size, way, goal)
+                    return self._nearer(size, way, goal)
                 size = float(limit.stretch[here.string] - here.stretch[here.string])
         if limit is not None and (limit.parameter - goal) * way <= 0.0:
             found, kind = limit, "limit"
@@ -275,18 +276,19 @@ class LoadSteps:
         found = self._to_load(guess, goal, self._here.laws)
         return found if found is not None and self._near(found, guess) else None
 
-    def _nearer(self, e: float, way: float, goal: float) -> tuple[State, str] | None:
-        """A state on the way to a limit point, about at a change of e."""
-        here, saddle, n = self._here, self.saddle, self._n
-        z, parameter = here.stretched(e)
+    def _nearer(self, e: float, way: float, goal: float) -> tuple[State, str]:
+        """A state on the way to a limit point that is thought to lie at a change of e.  Raises Doubt."""
+        here, n = self._here, self._n
         direction = here.rate[:n] / np.sqrt(here.rate[:n] @ here.rate[:n])
-        found = self._at_distance(z, parameter, here.laws, direction, float(direction @ z[:n]))
-        if found is None or not found.tangent[:n] @ here.tangent[:n] > 0.0:
-            return None
-        inside = (found.parameter - here.parameter) * way > 0.0 and (found.parameter - goal) * way < 0.0
-        if not inside or self._gone(found.stretch).any():
-            return None
-        return self._watched(found, way), ""
+        for part in NEARER:
+            z, parameter = here.stretched(part * e)
+            found = self._at_distance(z, parameter, here.laws, direction, float(direction @ z[:n]))
+            if found is None or not found.tangent[:n] @ here.tangent[:n] > 0.0:
+                continue
+            inside = (found.parameter - here.parameter) * way > 0.0 and (found.parameter - goal) * way < 0.0
+            if inside and not self._gone(found.stretch).any():
+                return self._watched(found, way), ""
+        raise Doubt
 
     def _gone(self, stretch: np.ndarray) -> np.ndarray:
         """(S,) bool: strings past the ends of their pieces."""
