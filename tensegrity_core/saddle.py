@@ -45,7 +45,7 @@ class Bordered(NamedTuple):
 class Saddle:
     """The system at one configuration after the other, in arrays that stay where they are.
 
-    size: n+B.  After `at`: stretch (S,) m, tension (S,) N, stiffness (S,) N/m and bend (C,) N/m2 of the strings.
+    size: n+B.  After `at`: laws; stretch (S,) m, tension (S,) N, stiffness (S,) N/m and bend (C,) N/m2 of the strings.
     """
 
     def __init__(self, equations: Equations):
@@ -91,8 +91,8 @@ class Saddle:
         bars = np.einsum("bd,bd->b", bar, felt) / (e._free_ends * np.einsum("bd,bd->b", bar, bar))
         return np.concatenate([free, bars])
 
-    def at(self, z: np.ndarray, parameter: float, laws: OnPieces) -> None:
-        """Set the system up for these unknowns (n+B,)."""
+    def at(self, z: np.ndarray, parameter: float, laws: OnPieces | None = None) -> None:
+        """Set the system up for these unknowns (n+B,), strings on these pieces, or on those that hold their elongations."""
         n, count, loading = self.n, self.strings, self.equations.loading
         along = self._members @ z[:n]
         along += self._offset
@@ -102,6 +102,10 @@ class Saddle:
         squared = np.einsum("md,md->m", vectors, vectors)
         self.length = length = np.sqrt(squared[:count])
         self.stretch = length - loading.rest_lengths(parameter)
+        if laws is None:
+            known = self.equations.laws
+            laws = known.on(known.piece_of(self.stretch))
+        self.laws = laws
         self.tension, self.stiffness, self.bend = laws(self.stretch)
         density, strings = self._density, self._rows[:count]
         density[:count] = self.tension / length

@@ -62,10 +62,12 @@ class Sweep:
         return np.array([self.equations.nodes(p.free) for p in self.states])
 
 
-def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) -> Sweep:
+def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None, careful: bool = False) -> Sweep:
     """The steady states that a slow load reaches, one parameter after the other, up, down, or both in turn.
 
     nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
+    careful: follow every path along its arc, and the flow after every jump in small steps, which takes several times as long.
+    Otherwise both are done where quicker means are in doubt (`load_steps`, `quick_flow`).
     Raises InputError for bad parameters, PathError where a path cannot be followed, NoEquilibrium where the flow finds no
     minimum.
     """
@@ -76,29 +78,29 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
     equations = Equations(loading)
     scale = scale_of(loading.model, parameters.min(), parameters.max())
     sweep = Sweep(equations, parameters)
+    steps = None if careful else LoadSteps(equations, scale)
     here = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, float(parameters[0]), 1.0)
     if not here.stable:
         raise PathError(f"the state at p = {float(parameters[0])!r} is not stable; start from one that is")
     sweep.states.append(here)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
-        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist())
+        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist(), steps)
     return sweep
 
 
-def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Point:
-    """Parameters that only grow, or only fall; the first is where `here` stands."""
+def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps: LoadSteps | None) -> Point:
+    """Parameters that only grow, or only fall; the first is where `here` stands; steps: None to follow carefully."""
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
     if side == 0.0:
         sweep.states += [here] * (len(goals) - 1)
         return here
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
-    steps = LoadSteps(equations, scale)
     while done < len(goals):
         path = Path(equations, scale, [here])
         sweep.stretches.append(path)
         while not path.end and done < len(goals):
-            path.end = steps.advance(path, goals[done])
+            path.end = steps.advance(path, goals[done]) if steps else ""
             if not path.end:
                 _follow(path, goals[done], side)
             if path.end == "to":
@@ -121,13 +123,13 @@ def _follow(path: Path, goal: float, side: float) -> None:
     path.end = further.end
 
 
-def _jumped(sweep: Sweep, steps: LoadSteps, path: Path, side: float, way: float) -> Point:
+def _jumped(sweep: Sweep, steps: LoadSteps | None, path: Path, side: float, way: float) -> Point:
     """The stable state that the flow reaches from the end of a path."""
     equations, last = sweep.equations, path.points[-1]
     parameter = last.parameter + side * BEYOND[path.end] * way
     escape = _escape(path, side)
     start = equations.moved(last.free, 0.1 * statics._step_limit(equations.model) * escape)
-    found = quick_flow.settled(steps.saddle, start, escape, parameter)
+    found = quick_flow.settled(steps.saddle, start, escape, parameter) if steps else None
     here = None if found is None else steps.arrived(found, parameter, side)
     if here is None:
         surface = FlowSurface(equations, parameter)
