@@ -22,7 +22,7 @@ from .paths import LONGEST, SETTLED, TOUCH, TURN, Local, Path, Point
 from .saddle import Bordered, Saddle
 from .string_laws import OnPieces
 
-NEWTON = 5  # iterations: the predictions are good, or it is better to give up
+NEWTON = 5  # iterations: predictions are good, or it is better to give up
 NEARLY, CONVERGED = 1e-7, 1e-13  # m: a step that small is the last if, by quadratic convergence, the next would be that small
 ROOT = 12  # iterations for a limit point
 SHARP = 5e-9  # m: the last step towards a limit point, whose p is then right to its square
@@ -184,8 +184,7 @@ class LoadSteps:
         way = state.z[:n] - before.z[:n]
         arc = float(np.sqrt(way @ way + (self.scale * (state.parameter - before.parameter)) ** 2))
         if kind == "limit":
-            sign = np.copysign(1.0, state.stretch[state.string] - before.stretch[state.string])
-            direction = np.append(sign * state.rate[:n], 0.0)
+            direction = np.append(np.copysign(1.0, state.rate[:n] @ way) * state.rate[:n], 0.0)
         else:
             sign = np.copysign(1.0, state.parameter - before.parameter)
             direction = np.append(sign * state.tangent[:n], sign * self.scale)
@@ -208,7 +207,7 @@ class LoadSteps:
         return found
 
     def _watched(self, state: State, way: float) -> State:
-        """A state for which the system is set up, known by the elongation of the string that loses most stiffness on the way on.
+        """A state for which the system is set up, known by the elongation of the string that loses most stiffness on the way.
         Raises Doubt."""
         saddle, curved = self.saddle, state.laws.curved
         rates = (saddle.directions(curved) @ state.tangent[: self._n] - self._wound[curved]) * way

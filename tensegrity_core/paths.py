@@ -413,9 +413,9 @@ class _Follower:
         ups, gain, matrix = ups[held], gain[held], matrix[held]
         direction = np.linalg.pinv(matrix, rcond=SINGULAR)[:, :, -1]
         rate = direction[:, :-1] @ growth.T - direction[:, -1:] * wound / self.scale
-        size = INWARD * np.sqrt((direction * direction).sum(axis=1, keepdims=True)) + 1e-9 * np.abs(rate).max(axis=1, keepdims=True)
-        inward = np.where(ups, rate, -rate)
-        return ups[((inward >= -2.0 * size).all(axis=1)) | ((inward <= 2.0 * size).all(axis=1))]
+        still = 2.0 * INWARD * np.sqrt((direction * direction).sum(axis=1, keepdims=True))
+        outward = np.where(ups, rate, -rate)
+        return ups[(outward >= -still).all(axis=1) | (outward <= still).all(axis=1)]
 
     # --- limit and branch points
 

@@ -9,8 +9,7 @@ beams.  What is stiff comes to rest in it at once.  Where nothing is unstable an
 are Newton's.
 
 It is first order, and only where it comes to rest counts.  Where the flow passes close by a saddle, on whose other side
-another minimum lies, its error may decide: of 2870 jumps of the article's structures under random forces at their nodes, 2
-ended in another minimum than `statics.descend` leads to (those of experiment I all in the same).
+another minimum lies, its error may decide; docs/equilibrium-paths.md says how rarely that happens.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from .saddle import Saddle
 
 MOST = 150  # steps
 PART_OF_BAR = 0.03  # longest step of a node
-FALLING, RISING = 0.25, 0.12  # longest step of a snapping string's elongation, as part of its beams, while V is concave and after
+FALLING, RISING = 0.25, 0.12  # longest step of what snaps, as part of its beams, while the energy is concave and after
 GROWTH = 3.0  # of what is unstable, in one step
 SHORTER, LONGER = 4.0, 4.0  # by how much the time changes that is tried next
 SLOWEST = 1e-4  # N/m per N/m of the stiffest string: the 1/t of the longest time that is not infinite
@@ -87,8 +86,8 @@ class _Flow:
         return self.saddle.equations.energy(z[: self.saddle.n], self.parameter)
 
     def _step(self, direction: np.ndarray, pace: float, mends: bool) -> np.ndarray | None:
-        """(n+B,) the step over the longest time; direction: of the step before; pace: the least 1/t; mends: whether it goes back,
-        and as far as it likes.  None: there is none."""
+        """(n+B,) the step over the longest time, None if there is none; direction: of the step before; pace: the least 1/t;
+        mends: whether it goes back, and as far as it likes."""
         saddle, n, least = self.saddle, self.saddle.n, SLOWEST * self._stiffest
         stiffness = saddle.curvature(direction)
         slowness = max(pace, -GROWTH / (GROWTH - 1.0) * stiffness)

@@ -80,13 +80,13 @@ class Saddle:
 
     def start(self, free: np.ndarray, parameter: float) -> np.ndarray:
         """(n+B,) z, the bars' force densities those that balance best at these free coordinates."""
-        e = self.equations
+        e, count = self.equations, self.strings
         along = (self._members @ free + self._offset).reshape(self._shape)
-        bar = along[self.strings :]
-        stretch = np.sqrt(np.einsum("sd,sd->s", along[: self.strings], along[: self.strings])) - e.loading.rest_lengths(parameter)
+        string, bar = along[:count], along[count:]
+        length = np.sqrt(np.einsum("sd,sd->s", string, string))
+        stretch = length - e.loading.rest_lengths(parameter)
         tension, _, _ = e.laws.on(e.laws.piece_of(stretch))(stretch)
-        density = tension / (stretch + e.loading.rest_lengths(parameter))
-        total = e.dead + parameter * e.live - (np.repeat(density, self._shape[1]) * along[: self.strings].ravel()) @ e._strings
+        total = e.dead + parameter * e.live - ((tension / length)[:, None] * string).ravel() @ e._strings
         felt = (e._bars @ total).reshape(bar.shape)
         bars = np.einsum("bd,bd->b", bar, felt) / (e._free_ends * np.einsum("bd,bd->b", bar, bar))
         return np.concatenate([free, bars])

@@ -125,8 +125,18 @@ def _follow(path: Path, goal: float, side: float) -> None:
 
 def _jumped(sweep: Sweep, steps: LoadSteps | None, path: Path, side: float, way: float) -> Point:
     """The stable state that the flow reaches from the end of a path."""
-    equations, last = sweep.equations, path.points[-1]
-    parameter = last.parameter + side * BEYOND[path.end] * way
+    last = path.points[-1]
+    here = landing(path, last.parameter + side * BEYOND[path.end] * way, side, steps)
+    sweep.jumps.append(Jump(here.parameter, last, here, path.end))
+    return here
+
+
+def landing(path: Path, parameter: float, side: float, steps: LoadSteps | None = None) -> Point:
+    """The stable state at p to which the flow leads from the end of a path on which p grew (side > 0) or fell.
+
+    steps: to take large steps of the flow; None: small ones.  Raises NoEquilibrium, PathError.
+    """
+    equations, last = path.equations, path.points[-1]
     escape = _escape(path, side)
     start = equations.moved(last.free, 0.1 * statics._step_limit(equations.model) * escape)
     found = quick_flow.settled(steps.saddle, start, escape, parameter) if steps else None
@@ -137,7 +147,6 @@ def _jumped(sweep: Sweep, steps: LoadSteps | None, path: Path, side: float, way:
         here = point_at(equations, path.scale, equations.nodes(found), parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
-    sweep.jumps.append(Jump(parameter, last, here, path.end))
     return here
 
 

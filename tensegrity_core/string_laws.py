@@ -123,14 +123,14 @@ def string_laws(model: Model) -> StringLaws:
     Raises InputError for a string with memory, and for one whose law goes on for ever and is no polynomial there.
     """
     for i in model.memories:
-        raise InputError(f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of its "
-                         "elongation; let statics.settle follow it, which carries the state of such strings along")
+        raise InputError(f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of "
+                         "its elongation; let statics.settle follow it, which carries the state of such strings along")
     kinds = tuple(model.laws.get(i, model.nsh[i]) for i in range(len(model.strings)))
     try:
         return _made(kinds, tuple(model.stiffness.tolist()))
     except _NoPanels as failure:
-        raise InputError(f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law goes "
-                         "on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
+        raise InputError(f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
+                         "goes on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
                          "stop or a straight line") from None
 
 
@@ -184,8 +184,9 @@ class StringLaws:
         self._density = np.where(cut, count / np.where(cut, self.upper - start, 1.0), 0.0).ravel()  # panels per m
         self._start, self._first, self._most = start.ravel(), first.ravel(), count.ravel() - 1
         self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
-        rows = [[p.force for p in panels], [p.stiffness for p in panels], [polynomial.polyder(p.stiffness) / p.half for p in panels]]
-        self._laws = np.stack([_table(row) for row in rows], axis=1)
+        bends = [polynomial.polyder(p.stiffness) / p.half for p in panels]
+        laws_of = [p.force for p in panels], [p.stiffness for p in panels], bends
+        self._laws = np.stack([_table(rows) for rows in laws_of], axis=1)
         self._energy = _table([p.energy for p in panels], DEGREE + 2)
         self.falls = self._falling()
         self.narrow = np.array([_narrow(kind) for kind in kinds])

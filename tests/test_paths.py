@@ -356,7 +356,7 @@ def test_a_sweep_over_any_law_without_memory_is_what_settles(name):
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)
-@given(st.sampled_from([name for name in LAWS if name not in ("progressive", "valve", "round", "snap")]), st.floats(-0.01, 0.15))
+@given(st.sampled_from(("chain", "pair", "nested", "kinked", "smooth", "hardening")), st.floats(-0.01, 0.15))
 def test_elements_laws_are_the_exact_ones(name, x):
     model = mast(name)
     exact, found = element_law(model.laws[0]), string_laws(model)
