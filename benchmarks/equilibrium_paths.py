@@ -398,8 +398,8 @@ def report(result: dict) -> str:
         "method. The flow takes large implicit steps (`quick_flow.py`). Where anything is in doubt, the path is followed along "
         "its arc, and the flow in small steps; `load_sweep(..., careful=True)` does so everywhere, and differs by at most "
         f"{largest(scenes, 'nodes'):.0e} m and, in the loads of jumps, by a part of {largest(scenes, 'jumps'):.0e}. Where a "
-        "flow passes close by a saddle under other loads, large steps may lead to another minimum than small ones: under random "
-        f"forces on all nodes {result['landings']['unlike']} of {result['landings']['jumps']} jumps did.",
+        "flow passes close by a saddle under other loads, large steps may lead to another minimum than small ones: under "
+        f"random forces on all nodes {result['landings']['unlike']} of {result['landings']['jumps']} jumps did.",
         "The honeycombs' force curves are single-valued, so all hysteresis is the structure's own: on the way back the paths "
         "end at other limit points.",
         "A load that comes suddenly is another matter. Under many loads several states are stable, and inertia carries the "
@@ -461,16 +461,16 @@ def time_text(scenes: dict, result: dict) -> str:
     if missed:
         snaps = [f"{len(scenes[name]['lines']['jumps']['up'])} (`{name}`)" for name in missed]
         reached += (
-            f", missed by {listed([f'`{name}`' for name in missed])}. Those jump most, {listed(snaps)} times on the way up, and "
-            "each jump costs kinks, a limit point and a flow: dozens of solutions of a small system, in which NumPy's calls take "
-            "longer than the arithmetic"
+            f", missed by {listed([f'`{name}`' for name in missed])}. Those jump most, {listed(snaps)} times on the way up, "
+            "and each jump costs kinks, a limit point and a flow: dozens of solutions of a small system, in which NumPy's "
+            "calls take longer than the arithmetic"
         )
     return (
         f"The sweep includes everything from the model on, {short(per_load(scenes, min))} to {short(per_load(scenes, max))} ms "
         f"per load. `kernel.simulate`, what a user calls, with rows every {result['row']:g} s, takes {ends['simulate']} times "
         f"as long: the {AIM} times that we had set as an aim are reached by {reached}. The kernel's steps alone, to the same "
-        f"rows, take {ends['rows']} times as long, and without any output {ends['runs']} times; {AIM} times are reached there "
-        f"by {listed(met['rows']) or 'none'} and {listed(met['runs']) or 'none'}. For the kernel is compiled, its steps grow to "
+        f"rows, take {ends['rows']} times as long ({AIM} times: {listed(met['rows']) or 'none'}), and without any output "
+        f"{ends['runs']} times ({listed(met['runs']) or 'none'}). For the kernel is compiled, its steps grow to "
         "seconds once a small structure is settled, and its 50 s then cost no more than some hundred evaluations of the "
         "equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
         "limit points, the way back, and that nothing lies between two loads unseen.\n\nThe first use of a honeycomb's law in "
