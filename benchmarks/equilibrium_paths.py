@@ -1,14 +1,16 @@
 """Experiment I solved instead of waited for: ``python benchmarks/equilibrium_paths.py`` writes docs/equilibrium_paths.json,
-docs/equilibrium-paths.md and docs/figures/path_*, in about 2 minutes.
+docs/equilibrium-paths.md and docs/figures/path_*, in about 3 minutes.
 
 An upward force of 10 to 72 N in steps of 2 N acts on each top node of the six scenes.  Solved: the slow load's sweep up
 from no load and back (steady_states.load_sweep), and the state that each load reaches when it comes suddenly
 (steady_states.SuddenLoads).  Waited for: the kernel's dynamics, method auto at tolerance 1e-10, 50 s from the start for
 each load; where the structure is not at rest by then, the run goes on.
 
-Times are processor time, the least of interleaved rounds: of the sweep up with all 32 states (from the model on), of the
-states under sudden loads, of the 32 runs without output on the way, with outputs every 0.01 s left in the kernel, and
-through kernel.simulate, which keeps them.  One thread: set OPENBLAS_NUM_THREADS=1 on a machine that does other work, too.
+Times are processor time, the least of interleaved rounds: of the sweep up with all 32 states (from the model on), the same
+done carefully (load_sweep(..., careful=True)), of the states under sudden loads, of the 32 runs without output on the way, with
+outputs every 0.01 s left in the kernel, and through kernel.simulate, which keeps them.  One thread: set
+OPENBLAS_NUM_THREADS=1 on a machine that does other work, too.  How often large steps of the flow after a jump lead elsewhere
+than small ones is counted under random forces on all nodes.
 """
 
 from __future__ import annotations
@@ -37,11 +39,13 @@ from tensegrity_core.nsh import snapped_on_piece  # noqa: E402
 from tensegrity_core.paths import follow  # noqa: E402
 from tensegrity_core.scene import load_scene  # noqa: E402
 from tensegrity_core.statics import build_model  # noqa: E402
+from tensegrity_core.string_laws import string_laws  # noqa: E402
 
 SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
 LOADS = np.arange(10.0, 73.0, 2.0)  # N on each top node
 DURATION, ROW, TOLERANCE = 50.0, 0.01, 1e-10
 AT_REST, LONGEST = 1e-9, 2000.0  # m/s, s: how slow, and how long, the runs that go on
+LANDINGS = 300  # random loadings
 PARTS, BEHIND = 4, 60  # parts in which a path's step is drawn, points of an unstable branch
 SAME, AIM = 1e-6, 100  # m, of heights; how many times faster than the runs
 UP, DOWN, UNSTABLE, ELSEWHERE, DYNAMIC = "#1f5fa8", "#d1495b", "#6b705c", "#edae49", "#22252e"
@@ -70,6 +74,9 @@ class Case:
     def sweep(self) -> steady_states.Sweep:
         return steady_states.load_sweep(self.loading, [0.0, *LOADS])
 
+    def careful(self) -> steady_states.Sweep:
+        return steady_states.load_sweep(self.loading, [0.0, *LOADS], careful=True)
+
     def suddenly(self, known: list[list]) -> list[steady_states.Sudden]:
         loads = steady_states.SuddenLoads(self.up.equations)
         return [loads.state(load, points) for load, points in zip(LOADS.tolist(), known)]
@@ -93,6 +100,7 @@ class Case:
 
     def round(self) -> None:
         self.up = self.timed("sweep", self.sweep)
+        self.carefully = self.timed("careful", self.careful)
         known = [steady_states.states_at(self.up.stretches, load) for load in LOADS.tolist()]
         self.sudden = self.timed("sudden", lambda: self.suddenly(known))
         self.timed("runs", lambda: self.runs(1))
@@ -178,11 +186,34 @@ def lines(case: Case, rows: list[dict]) -> dict:
     return plain({name: drawn(paths) for name, paths in curves.items()}, 6) | {"jumps": jumps}
 
 
+def landings(count: int) -> dict:
+    """How often large and small steps of the flow lead to different minima: jumps on the way up to, and back from, 30 N of the
+    largest of random forces on all free nodes, in turn of the three scenes with honeycombs."""
+    random, jumps, unlike = np.random.default_rng(7), 0, 0
+    cases = [Case(name) for name in SCENES if name.endswith("_nsh")]
+    for i in range(count):
+        model = cases[i % len(cases)].model
+        force = np.zeros_like(model.nodes)
+        force[np.ix_(model.free_nodes, model.axes)] = random.standard_normal((len(model.free_nodes), len(model.axes)))
+        loading, loads, nodes = Loading(model, force / np.abs(force).max()), np.linspace(0.0, 30.0, 16), None
+        for side in (1.0, -1.0):
+            sweep = steady_states.load_sweep(loading, loads[:: int(side)], nodes)
+            nodes = sweep.nodes[-1]
+            for path, jump in zip(sweep.stretches, sweep.jumps):
+                small = steady_states.landing(path, jump.parameter, side)
+                jumps += 1
+                unlike += bool(np.abs(small.free - jump.after.free).max() > SAME)
+    return {"jumps": jumps, "unlike": unlike}
+
+
 def collect(rounds: int) -> dict:
     """All measurements: equilibrium_paths.json."""
     began, where = time.perf_counter(), machine.describe()
     cases = {name: Case(name) for name in SCENES}
-    for case in cases.values():  # the tables of the honeycombs are made once per process
+    first = time.process_time()
+    string_laws(cases["two_bar_nsh"].model)  # made once per process; all scenes have the same honeycombs
+    first = time.process_time() - first
+    for case in cases.values():
         case.sweep()
     for _ in range(rounds):
         for case in cases.values():
@@ -191,11 +222,17 @@ def collect(rounds: int) -> dict:
     for name, case in cases.items():
         seconds = {what: min(times) for what, times in case.seconds.items()}
         rows = states(case)
-        found[name] = {"seconds": seconds, "states": rows, "lines": lines(case, rows)}
+        pairs = list(zip(case.up.jumps, case.carefully.jumps, strict=True))
+        alike = {
+            "nodes": float(np.abs(case.up.nodes - case.carefully.nodes).max()),
+            "jumps": max((abs(a.before.parameter / b.before.parameter - 1.0) for a, b in pairs), default=0.0),
+        }
+        found[name] = {"seconds": seconds, "alike": alike, "states": rows, "lines": lines(case, rows)}
         print(f"{name}: sweep {1e3 * seconds['sweep']:.0f} ms, runs {1e3 * seconds['runs']:.0f} ms", file=sys.stderr)
     return plain({
         "machine": where, "rounds": rounds, "loads": LOADS, "duration": DURATION, "row": ROW, "tolerance": TOLERANCE,
-        "seconds": round(time.perf_counter() - began), "scenes": found,
+        "seconds": round(time.perf_counter() - began), "first_law": first, "landings": landings(LANDINGS),
+        "scenes": found,
     }, 12)  # fmt: skip
 
 
@@ -265,9 +302,9 @@ def time_rows(scenes: dict) -> str:
     body = []
     for name, scene in scenes.items():
         s = scene["seconds"]
-        cells = [short(1e3 * s[what]) for what in ("sweep", "sudden", "runs", "rows", "simulate")]
+        cells = [short(1e3 * s[what]) for what in ("sweep", "careful", "sudden", "runs", "rows", "simulate")]
         body.append([f"`{name}`", *cells, *(short(s[what] / s["sweep"]) for what in ("runs", "rows", "simulate"))])
-    heads = ["32 loads, ms", "sweep", "sudden states", "runs", "with rows", "by `simulate`"]
+    heads = ["32 loads, ms", "sweep", "done carefully", "sudden states", "runs", "with rows", "by `simulate`"]
     return table([*heads, "runs / sweep", "rows / sweep", "`simulate` / sweep"], body)
 
 
@@ -356,8 +393,15 @@ def report(result: dict) -> str:
         "goes on with the next piece. Limit and branch points are roots along the arc, found to round-off; at a branch point "
         "`branches` gives a start on every path that leaves along an eigenvector of the vanishing stiffness.",
         "`steady_states.py` makes a slow load of it: along the stable path to where its stability ends, from there by the "
-        "overdamped flow to the next minimum of the potential energy, and on. The honeycombs' force curves are single-valued, "
-        "so all hysteresis is the structure's own: on the way back the paths end at other limit points.",
+        "overdamped flow to the next minimum of the potential energy, and on. While the path is stable, `load_steps.py` goes "
+        "straight from load to load, to the kinks and to limit points: a prediction with tangent and curvature, then Newton's "
+        "method. The flow takes large implicit steps (`quick_flow.py`). Where anything is in doubt, the path is followed along "
+        "its arc, and the flow in small steps; `load_sweep(..., careful=True)` does so everywhere, and differs by at most "
+        f"{largest(scenes, 'nodes'):.0e} m and, in the loads of jumps, by a part of {largest(scenes, 'jumps'):.0e}. Where a "
+        "flow passes close by a saddle under other loads, large steps may lead to another minimum than small ones: under "
+        f"random forces on all nodes {result['landings']['unlike']} of {result['landings']['jumps']} jumps did.",
+        "The honeycombs' force curves are single-valued, so all hysteresis is the structure's own: on the way back the paths "
+        "end at other limit points.",
         "A load that comes suddenly is another matter. Under many loads several states are stable, and inertia carries the "
         "structure past some of them. Which one it reaches is decided by a short run with the real dampers: once kinetic and "
         "potential energy together are below the lowest saddle on the known paths, or could only swing the structure by "
@@ -382,6 +426,10 @@ def report(result: dict) -> str:
     return wrapped_but_code("\n\n".join(block for block in blocks if block)) + "\n"
 
 
+def largest(scenes: dict, what: str) -> float:
+    return max(s["alike"][what] for s in scenes.values())
+
+
 def wrapped_but_code(text: str) -> str:
     """Paragraphs filled, code as it is."""
     parts = text.split("```")
@@ -404,18 +452,35 @@ def snap_text(scenes: dict) -> str:
 
 
 def time_text(scenes: dict, result: dict) -> str:
-    ratios = {what: [s["seconds"][what] / s["seconds"]["sweep"] for s in scenes.values()] for what in ("runs", "simulate")}
+    seconds = [s["seconds"] for s in scenes.values()]
+    ratios = {what: [s[what] / s["sweep"] for s in seconds] for what in ("runs", "rows", "simulate")}
     ends = {what: f"{short(min(found))} to {short(max(found))}" for what, found in ratios.items()}
-    aim = [f"`{name}`" for name, ratio in zip(scenes, ratios["simulate"]) if ratio >= AIM]
+    met = {what: [f"`{name}`" for name, ratio in zip(scenes, found) if ratio >= AIM] for what, found in ratios.items()}
+    missed = [name for name, ratio in zip(scenes, ratios["simulate"]) if ratio < AIM]
+    reached = listed(met["simulate"]) or "none"
+    if missed:
+        snaps = [f"{len(scenes[name]['lines']['jumps']['up'])} (`{name}`)" for name in missed]
+        reached += (
+            f", missed by {listed([f'`{name}`' for name in missed])}. Those jump most, {listed(snaps)} times on the way up, "
+            "and each jump costs kinks, a limit point and a flow: dozens of solutions of a small system, in which NumPy's "
+            "calls take longer than the arithmetic"
+        )
     return (
         f"The sweep includes everything from the model on, {short(per_load(scenes, min))} to {short(per_load(scenes, max))} ms "
-        f"per load; jumps take most of it. Runs whose outputs are kept every {result['row']:g} s take {ends['simulate']} times "
-        f"as long: the {AIM} times that we had set as an aim are reached by {' and '.join(aim) or 'none'}. Runs without "
-        f"any output take {ends['runs']} times as long, so less than the sweep for most scenes: the kernel is compiled, its "
-        "steps grow to seconds once a small structure is settled, and its 50 s then cost no more than a few dozen evaluations "
-        "of the equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
-        "limit points, the way back, and that nothing lies between two loads unseen."
+        f"per load. `kernel.simulate`, what a user calls, with rows every {result['row']:g} s, takes {ends['simulate']} times "
+        f"as long: the {AIM} times that we had set as an aim are reached by {reached}. The kernel's steps alone, to the same "
+        f"rows, take {ends['rows']} times as long ({AIM} times: {listed(met['rows']) or 'none'}), and without any output "
+        f"{ends['runs']} times ({listed(met['runs']) or 'none'}). For the kernel is compiled, its steps grow to "
+        "seconds once a small structure is settled, and its 50 s then cost no more than some hundred evaluations of the "
+        "equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
+        "limit points, the way back, and that nothing lies between two loads unseen.\n\nThe first use of a honeycomb's law in "
+        f"a process costs {short(1e3 * result['first_law'])} ms more: its rises are fitted by polynomials to round-off, once "
+        "for all models with that honeycomb. It is not in the table, nor is the start of Python."
     )
+
+
+def listed(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def per_load(scenes: dict, which) -> float:

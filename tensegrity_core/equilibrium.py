@@ -8,6 +8,7 @@ string's law is that of a given piece of its force curve, smooth also beyond the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from . import statics
 from .errors import InputError
 from .model import Model
-from .string_laws import StringLaws
+from .string_laws import string_laws
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,12 @@ class Loading:
 
     def rest_lengths(self, parameter: float) -> np.ndarray:
         """(S,) m."""
-        return self.rest_length + parameter * self.rest_length_direction
+        return self.rest_length + parameter * self.rest_length_direction if self.winds else self.rest_length
+
+    @cached_property
+    def winds(self) -> bool:
+        """Whether rest lengths change with p."""
+        return bool(self.rest_length_direction.any())
 
     def model_at(self, parameter: float, nodes: np.ndarray) -> Model:
         """The model with its start at nodes (N, 3) m, and with the rest lengths there."""
@@ -88,8 +94,8 @@ class Equations:
         self.loading, self.model = loading, loading.model
         model = self.model
         statics._require_small(model, "following an equilibrium path")
-        self.laws = StringLaws(model)
-        self._winding = bool(loading.rest_length_direction.any())
+        self.laws = string_laws(model)
+        self._winding = loading.winds
         self.stiffest = float(model.stiffness.max(initial=0.0))
         self.place = statics.places(model)
         self.size = statics._freedoms(model)

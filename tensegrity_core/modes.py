@@ -4,8 +4,10 @@ Along r orthonormal directions y that keep the bars' lengths, small motions obey
 
     M y'' + C y' + K y = 0,
 
-M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair), C = sum d u u^T over the taut
-strings with direction u, K the tangent stiffness with its geometric part.  Solutions y = phi exp(lambda t) are eigenvectors of
+M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair) and point masses, C = sum d u u^T over
+the taut strings with direction u, d a damper's slope at rest, and the nodes' drag, K the tangent stiffness with its geometric
+part.  Actuators hold their strings' rest lengths: their drums stand still, as in statics.  Solutions y = phi exp(lambda t)
+are eigenvectors of
 
     [0 1; -M^-1 K -M^-1 C]   (Tisseur and Meerbergen, "The quadratic eigenvalue problem", 2001, section 3.4).
 
@@ -20,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .equilibrium import Equations, Loading
+from . import laws, statics
 from .model import Model
 from .statics import NEUTRAL
 
@@ -67,26 +69,59 @@ class Matrices(NamedTuple):
 
 
 def matrices(model: Model, force=None) -> Matrices:
-    """M, C and K at the model's start under external forces (N, 3), N.  Raises TooLarge: they are dense."""
-    equations = Equations(Loading(model, force=force))
-    free = equations.free(model.nodes)
-    piece = equations.laws.piece_of(equations.stretch(free, 0.0))
-    tangent = equations.at(free, 0.0, piece)
-    growth = tangent.growth @ tangent.basis
-    damping = (growth.T * np.where(piece > 0, model.damping, 0.0)) @ growth
-    mass = tangent.basis.T @ mass_matrix(model, equations) @ tangent.basis
-    return Matrices(mass, damping, 0.5 * (tangent.stiffness + tangent.stiffness.T), tangent.basis)
+    """M, C and K at the model's start under external forces (N, 3), N; strings with memory as stretched from slack.
+
+    Raises TooLarge: they are dense.
+    """
+    statics._require_small(model, "finding its modes")
+    point = statics._Surface(model, force, _Plain).at(model.nodes)
+    strings = model.strings
+    length = np.linalg.norm(model.nodes[strings[:, 1]] - model.nodes[strings[:, 0]], axis=1)
+    growth = -statics.equilibrium_matrix(model)[:, : len(strings)].T @ point.basis
+    damping = (growth.T * np.where(length > model.rest_length, _dampers(model), 0.0)) @ growth
+    drag = _at_nodes(model, dict(model.drag))
+    damping += (point.basis.T * drag) @ point.basis
+    mass = point.basis.T @ mass_matrix(model) @ point.basis
+    stiffness = point.tangent.matrix
+    return Matrices(mass, damping, 0.5 * (stiffness + stiffness.T), point.basis)
 
 
-def mass_matrix(model: Model, equations: Equations) -> np.ndarray:
-    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars; fixed nodes left out."""
-    full = np.zeros((equations.size + 1, equations.size + 1))  # the last row and column take fixed nodes
-    ends = equations.place[model.bars]  # (B, 2, D)
+class _Plain:
+    """A tangent stiffness as it is."""
+
+    assembled = staticmethod(statics._dense)
+
+    def __init__(self, matrix: np.ndarray):
+        self.matrix = matrix
+
+
+def _dampers(model: Model) -> np.ndarray:
+    """(S,) N s/m: slopes of the strings' damping tensions at rest."""
+    return np.array([d if law is None else laws.damping(law).slope(0.0) for d, law in zip(model.damping, model.damper)])
+
+
+def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:
+    """(n,): what some nodes have, at the free coordinates."""
+    field = np.zeros(len(model.nodes))
+    field[list(values)] = list(values.values())
+    return np.repeat(field[model.free_nodes], len(model.axes))
+
+
+def mass_matrix(model: Model) -> np.ndarray:
+    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars, and point masses; fixed nodes left out."""
+    place = statics.places(model)
+    ends = place[model.bars]  # (B, 2, D)
+    rows, columns, values = [], [], []
     for i in range(2):
         for j in range(2):
             share = model.bar_mass[:, None] / (3.0 if i == j else 6.0)
-            np.add.at(full, (ends[:, i], ends[:, j]), np.broadcast_to(share, ends[:, i].shape))
-    return full[:-1, :-1]
+            rows.append(ends[:, i].ravel())
+            columns.append(ends[:, j].ravel())
+            values.append(np.broadcast_to(share, ends[:, i].shape).ravel())
+    n = len(model.free_nodes) * len(model.axes)
+    full = statics._dense(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), (n, n))
+    full[np.diag_indices(n)] += _at_nodes(model, dict(model.point_mass))
+    return full
 
 
 def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import steady_states
+from . import statics, steady_states
 from .command import Command, constant_force, model_of, scene_argument
 from .equilibrium import Loading
 from .errors import InputError
@@ -58,6 +58,8 @@ def steady(model: Model, texts: list[str]) -> tuple[Model, np.ndarray]:
     force = constant_force(model, texts)
     if not force.any():
         return model, force
+    if model.memories:  # a path would not know where they come from
+        return statics.settle(model, force), force
     loading = Loading(model, force)
     sweep = steady_states.load_sweep(loading, [0.0, 1.0])
     return loading.model_at(1.0, sweep.nodes[-1]), force

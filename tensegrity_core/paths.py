@@ -25,7 +25,8 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cached_property
+from typing import Callable, NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,7 @@ FAR = 4.0  # a tangent found that long (squared) turns by more than 60 degrees, 
 CRITICAL = 1e4  # eigenvalues below so many times their round-off vanish at a branch point
 ASIDE = 1e-3  # how far beside a branch point another path is looked for, as part of the shortest bar
 MOST_POINTS = 20_000
+INWARD = 1e-9  # m/m: a string that leaves the end of its piece more slowly does not leave it
 MOST_TOUCHING = 8  # strings that arrive at the ends of their pieces together
 
 
@@ -56,28 +58,65 @@ class PathError(TensegrityError):
 # --- points and paths --------------------------------------------------------------------------------------------
 
 
+class Local:
+    """The equations at a point, and what follows from them, worked out when it is first asked for.
+
+    tangent: gives them; definite: whether the tangent stiffness is known to be positive definite.
+    """
+
+    def __init__(self, equations: Equations, tangent: Callable[[], Tangent], definite: bool = False):
+        self._equations, self._tangent, self.definite = equations, tangent, definite
+
+    @cached_property
+    def tangent(self) -> Tangent:
+        return self._tangent()
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """(r,) N/m, rising eigenvalues of the tangent stiffness."""
+        return np.linalg.eigvalsh(self.tangent.stiffness)
+
+    @cached_property
+    def zero(self) -> float:
+        """N/m, what counts as round-off of them."""
+        return statics.NEUTRAL * max(float(np.abs(self.values).max(initial=0.0)), self._equations.stiffest)
+
+
 class Point(NamedTuple):
     """An equilibrium on a path.
 
     parameter: p; free: (n,) m; piece: (S,) of each string (after the point, at a kink); direction: (n+1,) unit tangent,
-    the last entry that of c p; values: (r,) N/m, rising eigenvalues of the tangent stiffness; zero: N/m, what counts as
-    round-off of them; arc: m, from the path's start; kind: '', 'kink', 'limit', 'branch', 'loose'; tension: (S,) N.
+    the last entry that of c p; local: the equations there; arc: m, from the path's start; kind: '', 'kink', 'limit',
+    'branch', 'loose'.
     """
 
     parameter: float
     free: np.ndarray
     piece: np.ndarray
     direction: np.ndarray
-    values: np.ndarray
-    zero: float
+    local: Local
     arc: float
     kind: str
-    tension: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """(r,) N/m, rising eigenvalues of the tangent stiffness."""
+        return self.local.values
+
+    @property
+    def zero(self) -> float:
+        """N/m, what counts as round-off of them."""
+        return self.local.zero
+
+    @property
+    def tension(self) -> np.ndarray:
+        """(S,) N."""
+        return self.local.tangent.tension
 
     @property
     def unstable(self) -> int:
         """Number of directions in which the potential energy falls."""
-        return int((self.values < -self.zero).sum())
+        return 0 if self.local.definite else int((self.values < -self.zero).sum())
 
     @property
     def stable(self) -> bool:
@@ -217,13 +256,7 @@ def _point(equations, scale, free, parameter, tangent, piece, along, arc, kind) 
     direction = _direction(tangent, scale, along)
     if direction is None:
         return None
-    return Point(float(parameter), free, piece, direction, *_eigenvalues(equations, tangent), arc, kind, tangent.tension)
-
-
-def _eigenvalues(equations: Equations, tangent: Tangent) -> tuple[np.ndarray, float]:
-    """Rising eigenvalues (r,) of the tangent stiffness, and what counts as their round-off, N/m."""
-    values = np.linalg.eigvalsh(tangent.stiffness)
-    return values, statics.NEUTRAL * max(float(np.abs(values).max(initial=0.0)), equations.stiffest)
+    return Point(float(parameter), free, piece, direction, Local(equations, lambda: tangent), arc, kind)
 
 
 class _Follower:
@@ -335,17 +368,17 @@ class _Follower:
         rays = [ray for ray in self._rays(free, parameter, below, touching, base.piece, trial.direction, arc) if _resisted(ray)]
         if not rays:
             tangent = self.equations.at(free, parameter, base.piece)
-            values = _eigenvalues(self.equations, tangent)
-            return Point(parameter, free, base.piece, trial.direction, *values, arc, "loose", tangent.tension)
+            local = Local(self.equations, lambda: tangent)
+            return Point(parameter, free, base.piece, trial.direction, local, arc, "loose")
         return max(rays, key=lambda ray: ray.direction @ trial.direction)
 
     def _rays(self, free, parameter, below, touching, came_on, along, arc) -> list[Point]:
         """All ways on from a kink: other pieces than those on which it was reached (each touching string on the one below or
         above its end) whose tangent moves the strings into these very pieces."""
         found = []
-        for up in itertools.product((1, 0), repeat=len(touching)):
+        for up in self._consistent(free, parameter, below, touching, along):
             piece = below.copy()
-            piece[touching] += np.array(up, dtype=int)
+            piece[touching] += up
             if np.array_equal(piece, came_on):
                 continue
             tangent = self.equations.at(free, parameter, piece)
@@ -355,10 +388,34 @@ class _Follower:
             rest = self.equations.loading.rest_length_direction / self.scale
             rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
             for sign in (1.0, -1.0):
-                if (np.where(np.array(up, dtype=bool), sign, -sign) * rate >= -1e-9).all():
-                    values = _eigenvalues(self.equations, tangent)
-                    found.append(Point(parameter, free, piece, sign * direction, *values, arc, "kink", tangent.tension))
+                if (np.where(up, sign, -sign) * rate >= -INWARD).all():
+                    local = Local(self.equations, lambda tangent=tangent: tangent)
+                    found.append(Point(parameter, free, piece, sign * direction, local, arc, "kink"))
         return found
+
+    def _consistent(self, free, parameter, below, touching, along) -> np.ndarray:
+        """(C, T) 0 or 1: which touching strings are above their ends, of all combinations that may be a way on, and on which
+        nothing moves freely.  All are tried at once: they differ in these strings' stiffnesses only."""
+        ups = np.array(list(itertools.product((1, 0), repeat=len(touching))), dtype=int).reshape(-1, len(touching))
+        if len(touching) < 2:
+            return ups
+        equations, above = self.equations, below.copy()
+        above[touching] += 1
+        base = equations.at(free, parameter, below)
+        gain = ups * (equations.laws(base.stretch, above)[1] - equations.laws(base.stretch, below)[1])[touching]
+        wound = equations.loading.rest_length_direction[touching]
+        growth = base.growth[touching] @ base.basis
+        matrix = np.repeat(_bordered(base, self.scale, along)[None], len(ups), axis=0)
+        matrix[:, :-1, :-1] += np.einsum("ct,ti,tj->cij", gain, growth, growth)
+        matrix[:, :-1, -1] -= (gain * wound) @ growth / self.scale
+        values = np.abs(np.linalg.eigvalsh(matrix[:, :-1, :-1]))
+        held = values.min(axis=1) > statics.NEUTRAL * np.maximum(values.max(axis=1), equations.stiffest)
+        ups, gain, matrix = ups[held], gain[held], matrix[held]
+        direction = np.linalg.pinv(matrix, rcond=SINGULAR)[:, :, -1]
+        rate = direction[:, :-1] @ growth.T - direction[:, -1:] * wound / self.scale
+        still = 2.0 * INWARD * np.sqrt((direction * direction).sum(axis=1, keepdims=True))
+        outward = np.where(ups, rate, -rate)
+        return ups[(outward >= -still).all(axis=1) | (outward <= still).all(axis=1)]
 
     # --- limit and branch points
 

@@ -2,7 +2,7 @@
 
 Members are numbered strings first, then bars.  A member's force is positive in tension.  Gravity acts as m g/2 at each
 bar node, and on point masses.  Degrees of freedom are the free nodes' coordinates along the axes that the scene uses,
-node by node.
+node by node.  Actuators hold their strings' rest lengths.
 
 Equilibria are minima of the potential energy V(x) = strings + gravity - external forces over the positions that keep
 every bar's length.  `descend` follows the overdamped gradient flow x' = -grad V on that surface, so it ends in the

@@ -21,14 +21,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import statics
+from . import quick_flow, statics
 from .equilibrium import Equations, Loading
 from .errors import InputError
+from .load_steps import LoadSteps
 from .paths import Path, PathError, Point, between, branches, follow_from, point_at, scale_of
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
 BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
-PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of an NSH's elongation
+PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of the elongation of what snaps
 SAME = 1e-7  # m: states nearer than this are one
 FIRST_SPAN, LATER = 0.25, 1.5  # s: of a sudden load, before the first look; each span is so much longer than the one before
 STILL = 2e-4  # m: a swing about a stable state that takes no structure out of its basin
@@ -61,10 +62,12 @@ class Sweep:
         return np.array([self.equations.nodes(p.free) for p in self.states])
 
 
-def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) -> Sweep:
+def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None, careful: bool = False) -> Sweep:
     """The steady states that a slow load reaches, one parameter after the other, up, down, or both in turn.
 
     nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
+    careful: follow every path along its arc, and the flow after every jump in small steps, which takes several times as long.
+    Otherwise both are done where quicker means are in doubt (`load_steps`, `quick_flow`).
     Raises InputError for bad parameters, PathError where a path cannot be followed, NoEquilibrium where the flow finds no
     minimum.
     """
@@ -75,59 +78,91 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None) ->
     equations = Equations(loading)
     scale = scale_of(loading.model, parameters.min(), parameters.max())
     sweep = Sweep(equations, parameters)
+    steps = None if careful else LoadSteps(equations, scale)
     here = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, float(parameters[0]), 1.0)
     if not here.stable:
         raise PathError(f"the state at p = {float(parameters[0])!r} is not stable; start from one that is")
     sweep.states.append(here)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
-        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist())
+        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist(), steps)
     return sweep
 
 
-def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float]) -> Point:
-    """Parameters that only grow, or only fall; the first is where `here` stands."""
+def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps: LoadSteps | None) -> Point:
+    """Parameters that only grow, or only fall; the first is where `here` stands; steps: None to follow carefully."""
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
     if side == 0.0:
         sweep.states += [here] * (len(goals) - 1)
         return here
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
     while done < len(goals):
-        path = follow_from(equations, scale, here, -side * np.inf, goals[-1], stop="unstable")
+        path = Path(equations, scale, [here])
         sweep.stretches.append(path)
-        for before, after in zip(path.points, path.points[1:]):
-            while done < len(goals) and side * before.parameter <= side * goals[done] <= side * after.parameter:
-                sweep.states.append(between(equations, scale, before, after, goals[done]))
+        while not path.end and done < len(goals):
+            path.end = steps.advance(path, goals[done]) if steps else ""
+            if not path.end:
+                _follow(path, goals[done], side)
+            if path.end == "to":
+                sweep.states.append(path.points[-1])
                 done += 1
+                path.end = "to" if done == len(goals) else ""
         if path.end == "to":
             return path.points[-1]
-        here = _jumped(sweep, scale, path, side, abs(goals[-1] - goals[0]))
+        here = _jumped(sweep, steps, path, side, abs(goals[-1] - goals[0]))
         while done < len(goals) and side * goals[done] <= side * here.parameter:
             sweep.states.append(point_at(equations, scale, equations.nodes(here.free), goals[done], side))
             done += 1
     return here
 
 
-def _jumped(sweep: Sweep, scale: float, path: Path, side: float, way: float) -> Point:
+def _follow(path: Path, goal: float, side: float) -> None:
+    """Follow a path along its arc from its last point to p = goal, or to where its stability ends."""
+    further = follow_from(path.equations, path.scale, path.points[-1], -side * np.inf, goal, stop="unstable")
+    path.points += further.points[1:]
+    path.end = further.end
+
+
+def _jumped(sweep: Sweep, steps: LoadSteps | None, path: Path, side: float, way: float) -> Point:
     """The stable state that the flow reaches from the end of a path."""
-    equations, last = sweep.equations, path.points[-1]
-    parameter = last.parameter + side * BEYOND[path.end] * way
-    surface = FlowSurface(equations, parameter)
-    tangent = equations.at(last.free, last.parameter, last.piece)
-    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
-        beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
-        forward = path.points[-2 if beside else -1].direction[:-1]
-        escape = forward / np.linalg.norm(forward)
-    else:
-        escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
-        escape = escape * np.sign(escape[np.argmax(np.abs(escape))])
-    start = equations.moved(last.free, 0.1 * surface.reach * escape)
-    nodes = equations.nodes(statics.descend(surface, start, surface.balanced))
-    here = point_at(equations, scale, nodes, parameter, side)
+    last = path.points[-1]
+    here = landing(path, last.parameter + side * BEYOND[path.end] * way, side, steps)
+    sweep.jumps.append(Jump(here.parameter, last, here, path.end))
+    return here
+
+
+def landing(path: Path, parameter: float, side: float, steps: LoadSteps | None = None) -> Point:
+    """The stable state at p to which the flow leads from the end of a path on which p grew (side > 0) or fell.
+
+    steps: to take large steps of the flow; None: small ones.  Raises NoEquilibrium, PathError.
+    """
+    equations, last = path.equations, path.points[-1]
+    escape = _escape(path, side)
+    start = equations.moved(last.free, 0.1 * statics._step_limit(equations.model) * escape)
+    found = quick_flow.settled(steps.saddle, start, escape, parameter) if steps else None
+    here = None if found is None else steps.arrived(found, parameter, side)
+    if here is None:
+        surface = FlowSurface(equations, parameter)
+        found = statics.descend(surface, start, surface.balanced)
+        here = point_at(equations, path.scale, equations.nodes(found), parameter, side)
     if not here.stable:
         raise PathError(f"the flow from p = {parameter!r} ends in a state that is not stable")
-    sweep.jumps.append(Jump(parameter, last, here, path.end))
     return here
+
+
+def _escape(path: Path, side: float) -> np.ndarray:
+    """(n,) unit vector along which the structure leaves the end of a path."""
+    last = path.points[-1]
+    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
+        beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
+        return _unit(path.points[-2 if beside else -1].direction[:-1])
+    tangent = last.local.tangent
+    escape = tangent.basis @ np.linalg.eigh(tangent.stiffness)[1][:, 0]
+    return escape * np.sign(escape[np.argmax(np.abs(escape))])
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
 
 
 class FlowSurface(statics._Surface):
@@ -143,7 +178,7 @@ class FlowSurface(statics._Surface):
         super().__init__(model, loading.forces(parameter), statics._Modes)
         self.equations, self.parameter = equations, parameter
         self._far = PART_OF_BAR * float(model.bar_length.min())
-        self._narrow = np.array([PART_OF_BEAM * min(law.h) if law else np.inf for law in model.nsh])
+        self._narrow = PART_OF_BEAM * equations.laws.narrow
         self._trial = self._stretch = None
 
     def gone(self, free: np.ndarray) -> float:

@@ -1,28 +1,36 @@
 """The elastic tension of all strings at once, each on a given piece of its force curve.
 
 Pieces are numbered as in `nsh`: 0 is slack, 1 taut; an NSH goes on with the pieces of its series curve, up to the one
-where it has bottomed out.  On its piece a string's law is smooth, also beyond the piece's ends, so that Newton's method
-needs to know of no kink.
+where it has bottomed out, any other element without memory with those of `laws`.  On its piece a string's law is smooth,
+also beyond the piece's ends, so that Newton's method needs to know of no kink.
 
 Every piece is a row of panels, and on a panel force and stiffness are polynomials of t = -1..1.  Slack, linear, snap and
-bottomed-out pieces are polynomials anyway.  Rises are cut into panels until the Chebyshev interpolants of the exact
-force and of the exact stiffness err by round-off only; beyond its ends a rise goes on with its second order Taylor polynomial.
+bottomed-out pieces, polynomials and tables are polynomials anyway.  All others, as rises, are cut into panels until the
+Chebyshev interpolants of the exact force and of the exact stiffness err by round-off only; beyond its ends a rise goes on
+with its second order Taylor polynomial.
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
+from . import laws
 from . import nsh as nsh_law
+from .curves import HeldCurve
+from .elements import Element
+from .errors import InputError
 from .model import NSH, Model
 
 DEGREE = 11
 ACCURACY = 2e-15  # largest error of a rise's force, relative to the end force
 MAX_PANELS = 256
+MOST_KNOWN = 1000  # combinations of pieces that are kept ready
+_POWERS = np.arange(DEGREE + 1)
 
 
 class _Panel(NamedTuple):
@@ -64,51 +72,97 @@ def _snap(nsh: NSH, piece, stored: float) -> _Panel:
 
 
 def _rise(nsh: NSH, number: int, piece) -> tuple[_Panel, ...]:
-    """Chebyshev interpolants on equal panels, as many as ACCURACY asks for."""
+    def values(x, which):
+        if which:
+            return np.asarray(nsh_law.stiffness(nsh, np.clip(x, piece.xi_start, piece.xi_end), 0.0))
+        return np.array([nsh_law.force_on_piece(nsh, number, e, 0.0) for e in x])
+
+    def energy(x):
+        return float(nsh_law.energy(nsh, x, 0.0))
+
+    return _interpolated(piece.xi_start, piece.xi_end, values, energy, ACCURACY * nsh_law.curve(nsh).end_force)
+
+
+def _interpolated(start: float, end: float, values, energy, error: float) -> tuple[_Panel, ...]:
+    """Chebyshev interpolants on equal panels from start to end (m), as many as the error (N) asks for.
+
+    values: (x, 0) gives force, (x, 1) stiffness at several elongations; energy: J at one.
+    """
     best, best_error = (), np.inf
     count = 4
     while count <= MAX_PANELS:
-        panels, error = _fitted(nsh, number, piece, count)
-        if error < best_error:
-            best, best_error = panels, error
-        if error <= ACCURACY * nsh_law.curve(nsh).end_force or error > 0.5 * best_error and count > 16:
+        panels, largest = _fitted(start, end, values, energy, count)
+        if largest < best_error:
+            best, best_error = panels, largest
+        if largest <= error or largest > 0.5 * best_error and count > 16:
             break
         count *= 2
     return best
 
 
-def _fitted(nsh: NSH, number: int, piece, count: int) -> tuple[tuple[_Panel, ...], float]:
+def _fitted(start: float, end: float, values, energy, count: int) -> tuple[tuple[_Panel, ...], float]:
     """So many panels, and the largest error of their forces between the nodes, N."""
-    half = 0.5 * (piece.xi_end - piece.xi_start) / count
+    half = 0.5 * (end - start) / count
     between = np.array([-0.95, -0.4, 0.13, 0.7])
     panels, error = [], 0.0
     for i in range(count):
-        centre = piece.xi_start + (2 * i + 1) * half
-
-        def force(t):
-            return np.array([nsh_law.force_on_piece(nsh, number, centre + half * x, 0.0) for x in t])
-
-        def stiffness(t):
-            return np.asarray(nsh_law.stiffness(nsh, centre + half * np.clip(t, -1.0, 1.0), 0.0))
-
-        fits = [chebyshev.cheb2poly(chebyshev.chebinterpolate(law, DEGREE)) for law in (force, stiffness)]
-        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - force(between)).max()))
-        stored = float(nsh_law.energy(nsh, centre - half, 0.0))
-        panels.append(_panel(centre, half, 1.0, *fits, stored))
+        centre = start + (2 * i + 1) * half
+        fits = [
+            chebyshev.cheb2poly(chebyshev.chebinterpolate(lambda t, which=which: values(centre + half * t, which), DEGREE))
+            for which in (0, 1)
+        ]
+        exact = values(centre + half * between, 0)
+        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - exact).max()))
+        panels.append(_panel(centre, half, 1.0, *fits, energy(centre - half)))
     return tuple(panels), error
 
 
-class StringLaws:
-    """Tension, stiffness and energy of a model's strings.
+def string_laws(model: Model) -> StringLaws:
+    """The laws of a model's strings; made once for all models with the same.
 
-    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece.
+    Raises InputError for a string with memory, and for one whose law goes on for ever and is no polynomial there.
+    """
+    for i in model.memories:
+        raise InputError(f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of "
+                         "its elongation; let statics.settle follow it, which carries the state of such strings along")
+    kinds = tuple(model.laws.get(i, model.nsh[i]) for i in range(len(model.strings)))
+    try:
+        return _made(kinds, tuple(model.stiffness.tolist()))
+    except _NoPanels as failure:
+        raise InputError(f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
+                         "goes on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
+                         "stop or a straight line") from None
+
+
+class _NoPanels(Exception):
+    """A piece that no panels cover; string: its number; start: m, where the piece begins."""
+
+    def __init__(self, start: float):
+        super().__init__(start)
+        self.start, self.string = start, -1
+
+
+class StringLaws:
+    """Tension, stiffness and energy of strings.  Make one with `string_laws`.
+
+    kinds: per string its NSH or element, or None for a spring; stiffness: of all strings, N/m.
+
+    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece;
+    narrow: (S,) m, what a step of the elongation must be small beside, inf where nothing falls.
     """
 
-    def __init__(self, model: Model):
-        pieces = [_pieces(law, float(k)) for law, k in zip(model.nsh, model.stiffness)]
-        ends = [np.array([0.0]) if law is None else nsh_law.breakpoints(law) for law in model.nsh]
+    def __init__(self, kinds: tuple[NSH | Element | None, ...], stiffness: tuple[float, ...]):
+        pieces, ends = [], []
+        for i, (kind, k) in enumerate(zip(kinds, stiffness)):
+            try:
+                pieces.append(_pieces(kind, k))
+            except _NoPanels as failure:
+                failure.string = i
+                raise
+            ends.append(_breakpoints(kind))
         most = max((len(p) for p in pieces), default=0)
         shape = (len(pieces), most)
+        self._known: dict[bytes, OnPieces] = {}
         self._all = most * np.arange(len(pieces))  # where each string's row of pieces begins
         self.lower, self.upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         first, count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
@@ -120,7 +174,7 @@ class StringLaws:
             self._ends[s, : len(breaks)] = breaks
             self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
             for p, row in enumerate(own):
-                key = (model.nsh[s], p, float(model.stiffness[s]))
+                key = (kinds[s], p, stiffness[s])
                 if key not in rows:
                     rows[key] = len(panels)
                     panels += row
@@ -130,9 +184,24 @@ class StringLaws:
         self._density = np.where(cut, count / np.where(cut, self.upper - start, 1.0), 0.0).ravel()  # panels per m
         self._start, self._first, self._most = start.ravel(), first.ravel(), count.ravel() - 1
         self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
-        self._laws = np.stack([_table([p.force for p in panels]), _table([p.stiffness for p in panels])], axis=1)
-        self._bend = _table([polynomial.polyder(p.stiffness) / p.half for p in panels])
+        bends = [polynomial.polyder(p.stiffness) / p.half for p in panels]
+        laws_of = [p.force for p in panels], [p.stiffness for p in panels], bends
+        self._laws = np.stack([_table(rows) for rows in laws_of], axis=1)
         self._energy = _table([p.energy for p in panels], DEGREE + 2)
+        self.falls = self._falling()
+        self.narrow = np.array([_narrow(kind) for kind in kinds])
+
+    def _falling(self) -> np.ndarray:
+        """(S, P): whether the stiffness is negative somewhere on a piece."""
+        found = np.zeros(self.lower.shape, dtype=bool)
+        for part in np.linspace(0.05, 0.95, 10):
+            for piece in range(1, self.lower.shape[1]):
+                start, end = self.lower[:, piece], self.upper[:, piece]
+                inside = np.isfinite(start) & np.isfinite(end)
+                start, end = np.where(inside, start, 0.0), np.where(inside, end, 0.0)
+                x = start + part * (end - start)
+                found[:, piece] |= inside & (self(x, np.minimum(piece, self.last))[1] < 0.0)
+        return found
 
     def piece_of(self, stretch: np.ndarray) -> np.ndarray:
         """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
@@ -145,13 +214,28 @@ class StringLaws:
     def __call__(self, stretch: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
         row, powers, over = self._place(stretch, piece)
-        force, stiffness = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
+        force, stiffness, bend = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
         if over.any():
-            force, stiffness = force.copy(), stiffness.copy()
-            bend = np.einsum("ij,ij->i", self._bend[row], powers)
-            force += over * (stiffness + 0.5 * bend * over)
-            stiffness += bend * over
+            force = force + over * (stiffness + 0.5 * bend * over)
+            stiffness = stiffness + bend * over
         return force, stiffness
+
+    def one(self, string: int, piece: int, x: float) -> tuple[float, float, float]:
+        """N, N/m and N/m2 of one string on a piece at an elongation (m): tension, stiffness and its slope."""
+        at = self._all[string] + piece
+        row = self._first[at] + min(max(int((x - self._start[at]) * self._density[at]), 0), self._most[at])
+        centre, half, _ = self._spans[:, row]
+        force, stiffness, bend = (self._laws[row] @ ((x - centre) / half) ** _POWERS).tolist()
+        return force, stiffness, bend
+
+    def on(self, piece: np.ndarray) -> OnPieces:
+        """The laws of these pieces (S,), ready for many elongations."""
+        key = piece.tobytes()
+        if key not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = OnPieces(self, piece)
+        return self._known[key]
 
     def energy(self, stretch: np.ndarray, piece: np.ndarray) -> np.ndarray:
         """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
@@ -171,15 +255,124 @@ class StringLaws:
         return row, np.multiply.accumulate(powers, axis=1, out=powers), (t - inside) * half
 
 
-def _pieces(law: NSH | None, k: float) -> list[tuple[_Panel, ...]]:
+class OnPieces:
+    """Tension, stiffness and its slope of all strings, each on a fixed piece; as StringLaws, in less time.
+
+    piece: (S,); lower, upper: (S,) m, its ends; curved: (C,) the strings whose law there is no straight line; falling: those
+    whose stiffness is negative somewhere on the piece.
+    """
+
+    def __init__(self, laws: StringLaws, piece: np.ndarray):
+        self.piece = piece
+        self.lower, self.upper = laws.ends(piece)
+        self.falling = np.flatnonzero(laws.falls[np.arange(len(piece)), piece])
+        at = laws._all + piece
+        first, most = laws._first[at], laws._most[at]
+        centre, half, reach = laws._spans[:, first]
+        curved = (most > 0) | (np.abs(laws._laws[first, 1, 1:]).max(axis=1, initial=0.0) > 0.0)
+        self.curved = np.flatnonzero(curved)
+        self._stiffness = np.where(curved, 0.0, laws._laws[first, 1, 0])
+        self._force = np.where(curved, 0.0, laws._laws[first, 0, 0] - self._stiffness * centre)
+        at = at[self.curved]
+        self._start, self._density = laws._start[at], laws._density[at]
+        self._first, self._most = first[self.curved], most[self.curved]
+        self._laws, self._spans = laws._laws, laws._spans
+        self._powers = np.ones((len(at), DEGREE + 1, 1))
+
+    def __call__(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(S,) N, (S,) N/m at elongations (S,), m, and (C,) N/m2, the slope of the curved strings' stiffness."""
+        force = self._force + self._stiffness * stretch
+        if not len(self.curved):
+            return force, self._stiffness, self._start
+        x = stretch[self.curved]
+        row = ((x - self._start) * self._density).astype(int)
+        row = self._first + np.minimum(np.maximum(row, 0), self._most)
+        centre, half, reach = self._spans.take(row, axis=1)
+        t = inside = (x - centre) / half
+        beyond = (np.abs(t) > reach).any()
+        if beyond:
+            inside = np.minimum(np.maximum(t, -reach), reach)
+        powers = self._powers
+        powers[:, 1:, 0] = inside[:, None]
+        np.multiply.accumulate(powers, axis=1, out=powers)
+        tension, stiffness, bend = (self._laws.take(row, axis=0) @ powers)[:, :, 0].T
+        if beyond:
+            over = (t - inside) * half
+            tension = tension + over * (stiffness + 0.5 * bend * over)
+            stiffness = stiffness + bend * over
+        force[self.curved] = tension
+        full = self._stiffness.copy()
+        full[self.curved] = stiffness
+        return force, full, bend
+
+
+_made = lru_cache(maxsize=32)(StringLaws)
+
+
+def _narrow(kind: NSH | Element | None) -> float:
+    """m: the lowest beam of an NSH, an element's shortest stretch on which the force falls."""
+    if kind is None:
+        return np.inf
+    if isinstance(kind, NSH):
+        return min(kind.h)
+    return min((one.end - one.start for one in laws.law(kind).stretches if one.sign < 0), default=np.inf)
+
+
+def _breakpoints(kind: NSH | Element | None) -> np.ndarray:
+    """(P+1,) m, where the pieces of a string end."""
+    if kind is None:
+        return np.array([0.0])
+    return nsh_law.breakpoints(kind) if isinstance(kind, NSH) else np.array(laws.law(kind).breakpoints)
+
+
+def _pieces(kind: NSH | Element | None, k: float) -> list[tuple[_Panel, ...]]:
     """Panels of a string's pieces from 0 on; k: N/m."""
     slack = _panel(0.0, 1.0, np.inf, [0.0], [0.0], 0.0)
-    if law is None:
+    if kind is None:
         return [(slack,), (_panel(0.0, 1.0, np.inf, [0.0, k], [k], 0.0),)]
-    c = nsh_law.curve(law)
-    end = c.breakpoints[-1]
-    beyond = _panel(end, 1.0, np.inf, [c.end_force, k], [k], float(nsh_law.energy(law, end, k)))
-    return [(slack,), *_nsh_panels(law), (beyond,)]
+    if isinstance(kind, NSH):
+        c = nsh_law.curve(kind)
+        end, end_force, stored = c.breakpoints[-1], c.end_force, float(nsh_law.energy(kind, c.breakpoints[-1], k))
+        return [(slack,), *_nsh_panels(kind), (_panel(end, 1.0, np.inf, [end_force, k], [k], stored),)]
+    law = laws.law(kind)
+    found = [(slack,), *_element_panels(kind)]
+    if law.end < math.inf:
+        found.append((_panel(law.end, 1.0, np.inf, [law.end_force, k], [k], law.energy(law.end)),))
+    return found
+
+
+@lru_cache(maxsize=64)
+def _element_panels(element: Element) -> tuple[tuple[_Panel, ...], ...]:
+    """Panels of an element's pieces 1..P: a polynomial's own where it is one, else interpolants.  Raises _NoPanels."""
+    law = laws.law(element)
+    largest = max(abs(one.last) for one in law.stretches if one.last < math.inf) if law.stretches[0].last < math.inf else 1.0
+    found = []
+    for number, piece in enumerate(law.pieces, 1):
+        stored, local = law.energy(piece.start), _local(piece.curve, piece.start, piece.end)
+        if local is not None:
+            found.append((_panel(piece.start, 1.0, np.inf, local, polynomial.polyder(local), stored),))
+        elif piece.end == math.inf:
+            raise _NoPanels(piece.start)
+        else:
+            def values(x, which, number=number):
+                return np.array([law._value(number, float(e), 0.0)[which] for e in x])
+
+            found.append(_interpolated(piece.start, piece.end, values, law.energy, ACCURACY * largest))
+    return tuple(found)
+
+
+def _local(curve, start: float, end: float) -> np.ndarray | None:
+    """Coefficients of a piece's force in powers of x - start, None where it is no polynomial of up to DEGREE."""
+    if isinstance(curve, HeldCurve):
+        return _local(curve.part, start - curve.held, end - curve.held)
+    if hasattr(curve, "local"):
+        found = curve.local(start)
+        return found if found is not None and len(found) <= DEGREE else None
+    if end == math.inf:  # a series of straight lines, all others at their stops, is a straight line
+        force, slope, _ = curve.value(start)
+        straight = all(abs(curve.value(start + x)[1] - slope) <= 1e-13 * slope for x in (1e-3, 1.0, 1e3))
+        return np.array([force, slope]) if straight else None
+    return None
 
 
 def _table(rows: list[np.ndarray], count: int = DEGREE + 1) -> np.ndarray:

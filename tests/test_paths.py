@@ -7,15 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
-from support import push, scene
+from driven_scenes import LABORATORY, built
+from element_scenes import STRINGS, mast
+from support import changed, push, scene
 
 from tensegrity_core import paths, statics, steady_states
+from tensegrity_core.elements import Polynomial, Series, Spring
 from tensegrity_core.equilibrium import Equations, Loading
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.laws import law as element_law
 from tensegrity_core.model import NSH, Model
 from tensegrity_core.paths import PathError
-from tensegrity_core.string_laws import StringLaws
+from tensegrity_core.string_laws import string_laws
 
 L, B, K = 1.0, 0.6, 900.0  # m, m, N/m
 TILT = np.radians(35.0)
@@ -200,7 +204,7 @@ def test_strings_laws_are_the_exact_ones():
 
     law = NSH((6.0, 8.0, 10.0), (3.0, 4.0, 5.0), (0.01, 0.01, 0.015))
     model = one_bar(at(TILT), [[-B, 0.0, 0.0], [B, 0.0, 2.0]], [1.0, 1.0], nsh=law)
-    laws = StringLaws(model)
+    laws = string_laws(model)
     for x in np.linspace(-0.01, 0.09, 401):
         stretch = np.array([x, x])
         piece = laws.piece_of(stretch)
@@ -258,6 +262,43 @@ def test_a_load_that_goes_up_and_down_and_stays():
     assert alone.stable and alone.parameter == 0.0
 
 
+SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
+
+
+def up_and_back(name, **how):
+    model, loading = lifted(name)
+    up = steady_states.load_sweep(loading, LOADS, **how)
+    return up, steady_states.load_sweep(loading, LOADS[::-1], nodes=up.nodes[-1], **how)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_load_steps_and_large_steps_of_the_flow_change_nothing(name):
+    """Compared with paths followed along their arcs, and the flow after each jump in small steps."""
+    quick, careful = up_and_back(name), up_and_back(name, careful=True)
+    for one, other in zip(quick, careful):
+        np.testing.assert_allclose(one.nodes, other.nodes, rtol=0, atol=1e-10)
+        assert [jump.kind for jump in one.jumps] == [jump.kind for jump in other.jumps]
+        for jump, expected in zip(one.jumps, other.jumps):
+            assert jump.before.parameter == pytest.approx(expected.before.parameter, rel=1e-10)
+            np.testing.assert_allclose(jump.after.free, expected.after.free, rtol=0, atol=1e-9)
+        for path in one.stretches:
+            assert all(point.stable for point in path.points[:-1]) and path.points[-1].kind == path.end.replace("to", "")
+            for point in path.points:
+                tangent = path.equations.at(point.free, point.parameter, point.piece)
+                assert np.abs(tangent.pull).max() < 1e-7 and paths._inside(path.equations, point)
+                if not point.kind:
+                    assert np.linalg.eigvalsh(tangent.stiffness)[0] > 0.0
+
+
+@pytest.mark.parametrize("name", ["two_bar_nsh", "three_bar_nsh", "six_bar_nsh"])
+def test_most_of_a_sweep_needs_no_arc_length_steps(name, monkeypatch):
+    """What makes it quick is really in use: at most one interval of loads is followed along the arc."""
+    followed = []
+    monkeypatch.setattr(steady_states, "follow_from", lambda *a, **k: followed.append(a) or paths.follow_from(*a, **k))
+    steady_states.load_sweep(lifted(name)[1], LOADS)
+    assert len(followed) <= 1
+
+
 @pytest.mark.parametrize("name, loads", [("two_bar_nsh", (20.0, 40.0, 64.0)), ("three_bar", (10.0, 60.0))])
 def test_sudden_load_comes_to_rest_where_the_dynamics_does(name, loads):
     model, loading = lifted(name)
@@ -298,6 +339,47 @@ def test_states_in_the_hysteresis_are_told_apart():
     assert [s.stable for s in states[:2]] == [True, False] and states[-1].stable
 
 
+# --- strings of any kind, payloads, gravity aslant -----------------------------------------------------------------------
+
+LAWS = [name for name in STRINGS if name not in ("cells", "mixed", "memory", "bistable")]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_sweep_over_any_law_without_memory_is_what_settles(name):
+    model = mast(name)
+    field = on_tip(model, [1.0, 0.0, 0.0])
+    sweep = steady_states.load_sweep(Loading(model, field), [0.0, 20.0, 45.0])
+    settled = model
+    for before, load, nodes in zip((0.0, 20.0), (20.0, 45.0), sweep.nodes[1:]):
+        settled = statics.settle(settled, force=load * field, force_before=before * field, steps=60)
+        np.testing.assert_allclose(nodes, settled.nodes, rtol=0, atol=1e-11)
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(st.sampled_from(("chain", "pair", "nested", "kinked", "smooth", "hardening")), st.floats(-0.01, 0.15))
+def test_elements_laws_are_the_exact_ones(name, x):
+    model = mast(name)
+    exact, found = element_law(model.laws[0]), string_laws(model)
+    k, stretch = float(model.stiffness[0]), np.array([x, x])
+    piece = found.piece_of(stretch)
+    assert piece[0] == exact.piece_of(x)
+    force, stiffness = found(stretch, piece)
+    assert force[0] == pytest.approx(exact.force(x, k), abs=1e-11)
+    assert stiffness[0] == pytest.approx(exact.stiffness(x, k), abs=1e-8)
+    assert found.energy(stretch, piece)[0] == pytest.approx(exact.energy(x, k), abs=1e-13)
+    quick = found.on(piece)(stretch)
+    assert quick[0][0] == pytest.approx(force[0], abs=1e-13) and quick[1][0] == pytest.approx(stiffness[0], abs=1e-9)
+
+
+def test_payloads_gravity_aslant_and_actuators_in_a_sweep():
+    model = statics.settle(built(LABORATORY), steps=1)
+    field = np.zeros(model.nodes.shape)
+    field[model.node_names.index("n4")] = [1.0, 0.5, -2.0]
+    sweep = steady_states.load_sweep(Loading(model, field), [0.0, 3.0])
+    settled = statics.settle(model, force=3.0 * field, steps=20)
+    np.testing.assert_allclose(sweep.nodes[-1], settled.nodes, rtol=0, atol=1e-10)
+
+
 # --- refusals ----------------------------------------------------------------------------------------------------------
 
 
@@ -313,6 +395,17 @@ def test_bad_loadings_are_refused():
         steady_states.load_sweep(Loading(model, on_tip(model, -UP)), [0.0, np.inf])
     with pytest.raises(PathError, match="not stable"):
         steady_states.load_sweep(Loading(model, on_tip(model, -UP)), [2.5 * K * L, 3.0 * K * L])
+
+
+def test_laws_that_no_path_can_follow_are_refused():
+    model = mast("memory")
+    with pytest.raises(InputError, match="string s1 has memory .*statics.settle"):
+        steady_states.load_sweep(Loading(model, on_tip(model, UP)), [0.0, 1.0])
+    endless = Series((Spring(900.0), Polynomial((600.0, 0.0, 4.0e5))))
+    model, _ = upright()
+    model = changed(model, element=(None, endless))
+    with pytest.raises(InputError, match="string s2: beyond .*goes on for ever and is no polynomial; .*statics.settle"):
+        paths.follow(Loading(model, on_tip(model, UP)), 0.0, 1.0)
 
 
 def test_a_structure_that_nothing_holds_is_refused():
