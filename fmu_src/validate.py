@@ -21,6 +21,7 @@ import numpy as np
 
 from tensegrity_core import kernel, reference
 from tensegrity_core.errors import TensegrityError
+from tensegrity_core.fields import layout
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
 
@@ -159,15 +160,10 @@ def _outcome(stored, run: Scenario, table: tuple[Variable, ...]):
 
 
 def input_values(run: Scenario) -> np.ndarray:
-    """(K, inputs) in the order of the variable table: forces on free nodes, rest lengths and their rates but for strings with
-    an actuator, currents, motions of moved nodes."""
-    model, inputs = run.model, run.inputs.resolved(run.model)
-    axes, steps = list(model.axes), len(inputs.force)
-    unwound = [i for i, actuator in enumerate(model.actuator) if actuator is None]
-    motions = [getattr(inputs, name)[:, :, axes] for name in ("node_position", "node_velocity", "node_acceleration")]
-    nodal = [part.reshape(steps, -1) for part in (inputs.force[:, model.free_nodes[:, None], axes], *motions)]
-    lengths = inputs.rest_length[:, unwound], inputs.rest_length_rate[:, unwound]
-    return np.hstack((nodal[0], *lengths, inputs.current, inputs.drum_load, *nodal[1:]))
+    """(K, inputs) in the order of the variable table: all but the rest lengths of strings with an actuator."""
+    places = layout(run.model.counts)
+    wound = [places[name].start + i for name in ("rest_length", "rest_length_rate") for i in run.model.actuated]
+    return np.delete(kernel.input_rows(run.model, run.inputs), wound, axis=1)
 
 
 def _changed(table: tuple[Variable, ...], model: Model, other: Model):

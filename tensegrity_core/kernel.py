@@ -15,6 +15,7 @@ import numpy as np
 
 from .errors import InputError, SimulationError, TensegrityError
 from .fields import COUNTS, FIELDS, INTEGER_FIELDS, METHODS, layout
+from .inputs import Inputs
 from .model import Model, to_bytes
 from .result import Result, Transition
 
@@ -341,7 +342,16 @@ def _full(model: Model, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
     return out
 
 
-def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> Result:
+def input_rows(model: Model, inputs: Inputs) -> np.ndarray:
+    """(K, inputs) values of all inputs in the order of the kernel's block."""
+    inputs, axes, steps = inputs.resolved(model), list(model.axes), len(inputs.times) - 1
+    force = inputs.force[:, model.free_nodes[:, None], axes]
+    motion = (getattr(inputs, name)[:, :, axes] for name in ("node_position", "node_velocity", "node_acceleration"))
+    parts = (force, inputs.rest_length, inputs.rest_length_rate, inputs.current, inputs.drum_load, *motion)
+    return np.hstack([np.asarray(part, dtype=float).reshape(steps, -1) for part in parts])
+
+
+def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> Result:
     """Run the kernel over held inputs (inputs.Inputs); the same signature and result as the reference.
 
     Raises InputError for bad inputs and SimulationError where the kernel cannot go on.
@@ -349,31 +359,21 @@ def simulate(model: Model, inputs, method: str = "auto", tolerance: float = 1e-1
     if method not in METHODS:
         raise InputError(f"method = {method!r} is not one of {', '.join(METHODS)}")
     kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step)
-    inputs = inputs.resolved(model)
-    axes, free, steps = list(model.axes), model.free_nodes, len(inputs.times) - 1
+    given, free, steps = input_rows(model, inputs), model.free_nodes, len(inputs.times) - 1
+    block = kernel.values[: given.shape[1]]
     rows, snapped = np.empty((steps + 1, len(kernel.values))), np.empty((steps + 1, kernel.counts["H"]), dtype=int)
     transitions: list[Transition] = []
 
-    def set_inputs(k):
-        kernel["force"][:] = inputs.force[k][np.ix_(free, axes)].ravel()
-        kernel["rest_length"][:] = inputs.rest_length[k]
-        kernel["rest_length_rate"][:] = inputs.rest_length_rate[k]
-        kernel["current"][:] = inputs.current[k]
-        kernel["drum_load"][:] = inputs.drum_load[k]
-        for name in ("node_position", "node_velocity", "node_acceleration"):
-            kernel[name][:] = getattr(inputs, name)[k][:, axes].ravel()
-
-    def record(k):
-        rows[k], snapped[k] = kernel.values, kernel["snapped"]
-
-    set_inputs(0)
+    counts = kernel["snapped"]
+    block[:] = given[0]
     kernel.initialize(inputs.times[0])
-    record(0)
-    for k in range(steps):
-        set_inputs(k)
-        kernel.step(inputs.times[k + 1] - inputs.times[k])
-        record(k + 1)
-        transitions += kernel.transitions
+    rows[0], snapped[0] = kernel.values, counts
+    for k, h in enumerate(np.diff(inputs.times).tolist()):
+        block[:] = given[k]
+        kernel.step(h)
+        rows[k + 1], snapped[k + 1] = kernel.values, counts
+        if kernel.transition_count:
+            transitions += kernel.transitions
     series = {name: rows[:, at] for name, at in kernel.layout.items()}
     scalars = {n: series[n][:, 0] for n in ("kinetic", "potential", "elastic", "dissipated", "input_work", "throughput")}
     return Result(
