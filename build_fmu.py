@@ -34,7 +34,7 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--simple-types", action="store_true", help=simple)
     parser.add_argument("--cross-check", type=Path, metavar="DIR", help="write cross-check bundles of native FMUs, too")
     parser.add_argument("--output", type=Path, default=Path("dist"), metavar="DIR", help="default: dist")
-    apart = "actuators as FMUs of their own, STRING_actuator, beside a structure without them"
+    apart = "actuators as FMUs of their own, SCENE_STRING_actuator, beside a structure without them"
     parser.add_argument("--detach-actuators", action="store_true", help=apart)
     namings = ("structured", "flat")
     parser.add_argument("--naming", choices=namings, default="structured", help="n4.force.x or n4_force_x")

@@ -15,6 +15,7 @@ from itertools import product
 
 import numpy as np
 
+from tensegrity_core import laws
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
@@ -140,7 +141,7 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
             for component in _components(field, model):
                 value = starts[reference - offset].item() if field.role != "output" else None
                 name, role = (NAMES[field.name], field.role) if shown is None else shown.get(field.name, ("", ""))
-                if name and (shown is not None or not _wound(field, component, model)):
+                if name and (shown is not None or not _hidden(field, component, model)):
                     rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
                 reference += 1
     _require_unique(rows)
@@ -148,11 +149,14 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     return tuple(replace(row, known=tuple(sorted(visible.intersection(row.known)))) for row in rows)
 
 
-def _wound(field: Field, component: dict, model: Model) -> bool:
-    """The input of a rest length that is an output, because an actuator winds the string."""
-    if field.name not in ("rest_length", "rest_length_rate"):
+def _hidden(field: Field, component: dict, model: Model) -> bool:
+    """The input of a rest length that is an output, because an actuator winds the string; a stiffness that no force law uses."""
+    if field.name not in ("rest_length", "rest_length_rate", "stiffness"):
         return False
-    return model.actuator[model.string_names.index(component["S"])] is not None
+    string = model.string_names.index(component["S"])
+    if field.name == "stiffness":
+        return string in model.laws and laws.law(model.laws[string]).end == math.inf
+    return model.actuator[string] is not None
 
 
 def _variable(field, name, role, component, reference, start, model, known, naming) -> Variable:

@@ -120,7 +120,7 @@ def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None) 
     if is_current(target):
         return target
     if importlib.util.find_spec("ziglang") is None:
-        raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang")
+        raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang, or -e \".[cross]\"")
     say(f"compiling for {name} ...")
     try:
         return build.compile_fmu_library(target, name)

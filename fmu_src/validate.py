@@ -168,11 +168,13 @@ def input_values(run: Scenario) -> np.ndarray:
 
 def _changed(table: tuple[Variable, ...], model: Model, other: Model):
     """Tunable parameters in which a scenario's model differs from the FMU's."""
-    for field in ("stiffness", "damping"):
-        rows = [row for row in table if row.field == field]
-        for row, old, new in zip(rows, getattr(model, field), getattr(other, field), strict=True):
+    places = layout(model.counts)
+    for row in table:
+        if row.field in ("stiffness", "damping"):
+            string = row.reference - places[row.field].start
+            old, new = (float(getattr(m, row.field)[string]) for m in (model, other))
             if old != new:
-                yield row, float(new)
+                yield row, new
 
 
 def reference_settings(run: Scenario, tight: bool = False) -> dict:

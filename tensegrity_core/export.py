@@ -34,6 +34,9 @@ def columns(model: Model, result: Result) -> dict[str, np.ndarray]:
     add([f"{name}.force" for name in model.string_names], result.string_force)
     add([f"{name}.elastic_force" for name in model.string_names], result.elastic_force)
     add([f"{name}.length" for name in model.string_names], result.string_length)
+    drives = {"rest_length": "wound_rest_length", "rest_length_rate": "wound_rest_length_rate", "actuator.speed": "motor_speed"}
+    for name, series in drives.items():
+        add([f"{model.string_names[i]}.{name}" for i in model.actuated], getattr(result, series))
     add([f"{name}.force" for name in model.bar_names], result.bar_force)
     add_vectors(".reaction", result.reaction, model.fixed_nodes)
     found |= {f"energy.{name}": getattr(result, name) for name in ENERGIES}
@@ -69,8 +72,9 @@ def _write_csv(series: dict[str, np.ndarray], path: Path) -> None:
 
 def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:
     arrays = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in ("transitions", "stats")}
-    events = [(t.time, t.string, t.before, t.after) for t in result.transitions]
-    arrays["transitions"] = np.array(events, [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4")])
+    events = [(t.time, t.string, t.before, t.after, t.loss) for t in result.transitions]
+    kinds = [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4"), ("loss", "f8")]
+    arrays["transitions"] = np.array(events, kinds)
     for kind in ("node", "bar", "string"):
         arrays[f"{kind}_names"] = np.array(getattr(model, f"{kind}_names"), dtype=str)
     return arrays

@@ -16,6 +16,7 @@ from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.pack import pack_python_fmu
 from fmu_src.scenarios import Scenario, scenarios
 from fmu_src.validate import run_outside
+from tensegrity_core.export import columns
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import simulate
 
@@ -78,3 +79,9 @@ def test_scenarios_drive_what_can_be_driven():
     assert np.ptp(inputs.current, axis=0).min() > 0.0 and np.ptp(inputs.node_position, axis=0).min() > 0.0
     wound = list(model.actuated)
     assert np.ptp(found["rest_lengths_1d"].inputs.rest_length[:, wound], axis=0).max() == 0.0
+
+
+def test_columns_of_a_file_are_the_fmus_outputs():
+    model = built(LABORATORY)
+    names = list(columns(model, simulate(model, drive(model, 0.04))))
+    assert names[1:] == [row.name for row in variables(model) if row.causality == "output"]

@@ -82,3 +82,12 @@ def test_stiffness_that_shapes_a_curve_is_a_fixed_parameter():
     assert rows["s1.stiffness"].variability == "fixed" and rows["s2.stiffness"].variability == "tunable"
     assert rows["s1.nsh.zeta[1]"].max is None
     assert {row.name: row for row in variables(mast("snap"))}["s1.stiffness"].variability == "tunable"
+
+
+def test_stiffness_that_nothing_uses_is_no_variable():
+    names = {row.name for row in variables(mast("hardening"))}
+    assert "s1.stiffness" not in names and "s2.stiffness" in names
+    assert "s1.stiffness" in {row.name for row in variables(mast("kinked", elements=ENDING))}
+
+
+ENDING = {"kinked": {"kind": "series", "parts": ["one", "one"]}, "one": {"kind": "beam", "Q": 6.0, "zeta": 5.0, "h": 0.015}}
