@@ -84,7 +84,7 @@ def string_energy(model: Model, length: np.ndarray, branches: Branches | None = 
 
 def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
     """The branches of the strings with memory at these lengths (S,), m; for `branches` see `string_tension`."""
-    return _branches(model, _stretch(model, length), branches)
+    return _branches(model, length - model.rest_length, branches)
 
 
 def _branches(model: Model, stretch: np.ndarray, before: Branches | None) -> Branches:
@@ -747,9 +747,9 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
         surface = _Surface(loaded, (1.0 - part) * first + part * last, branches=branches)
         nodes = descend(surface, nodes, surface.balanced if step == steps else surface.nearly_balanced)
         branches = surface.branches
-    settled = replace(model, nodes=nodes, rest_length=goal)
-    anew = string_branches(settled, _lengths(nodes, model.strings))
-    for i, branch in branches.items():
+    settled, length = replace(model, nodes=nodes, rest_length=goal), _lengths(nodes, model.strings)
+    anew = string_branches(settled, length)
+    for i, branch in string_branches(settled, length, branches).items():
         if anew[i] != branch:
             name, count = model.string_names[i], anew[i].snapped
             raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it "

@@ -345,6 +345,7 @@ const char *ts_hysteresis(ts_curve *c, const ts_law *part, int n, double stiffne
     if (!(stiffness > 0.0)) g.reason = "the stiffness of a hysteretic string must be positive";
     for (int j = 0; j < n; j++) {
         double last = part[j].s[part[j].n - 1].p.hi;
+        if (part[j].s[0].way <= 0) g.reason = "the force of a part of a hysteretic series does not rise from 0";
         g.size = fmax(g.size, ts_law_largest(part + j));
         g.length += last < INFINITY ? last : part[j].s[part[j].n - 1].p.lo;
     }
