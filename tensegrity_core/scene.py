@@ -670,6 +670,9 @@ def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
             if zeta >= 8.0 and nsh.law == "single_valued":
                 problem = "makes the beam bistable, which means nothing without memory: its force falls below 0"
                 yield scene.error(key, problem, 'Write law = "hysteretic", or choose zeta < 8.')
+            if zeta <= 2.0 and nsh.law == "single_valued":
+                problem = "makes the beam monotone, which an NSH without memory does not know"
+                yield scene.error(key, problem, 'Write law = "hysteretic", or a series of such beams in [elements].')
 
 
 def _check_loads(scene: Scene) -> Iterator[SceneError]:

@@ -22,6 +22,7 @@ MAST = {
         "soft": {"kind": "spring", "stiffness": 400.0},
         "beam": {"kind": "beam", "Q": 6.0, "zeta": 5.0, "h": 0.015},
         "thick": {"kind": "beam", "Q": 9.0, "zeta": 4.0, "h": 0.01},
+        "flat": {"kind": "beam", "Q": 6.0, "zeta": 1.5, "h": 0.01, "beams": "any"},
         "cell": {"kind": "table", "elongation": [0.0, 0.01, 0.02, 0.03], "force": [0.0, 8.0, 4.0, 20.0]},
         "kinked": {"kind": "table", "elongation": [0.0, 0.01, 0.03, 0.06], "force": [0.0, 5.0, 9.0, 60.0]},
         "smooth": {
@@ -32,6 +33,7 @@ MAST = {
         },
         "hardening": {"kind": "polynomial", "coefficients": [600.0, 0.0, 4.0e5]},
         "chain": {"kind": "series", "parts": ["hard", "beam", "thick"]},
+        "monotone": {"kind": "series", "parts": ["flat", "beam", "flat"]},
         "pair": {"kind": "parallel", "parts": ["soft", "beam"]},
         "nested": {"kind": "series", "parts": ["hard", "pair", "kinked"]},
         "cells": {"kind": "series", "parts": ["cell", "cell", "cell"], "law": "hysteretic"},
@@ -53,7 +55,7 @@ MAST = {
 #: Name -> the keys of string s1.
 STRINGS = {
     name: {"material": "cable", "element": name}
-    for name in ("chain", "pair", "nested", "kinked", "smooth", "hardening", "cells", "mixed")
+    for name in ("chain", "monotone", "pair", "nested", "kinked", "smooth", "hardening", "cells", "mixed")
 }
 STRINGS |= {name: {"material": "cable", "nsh": name} for name in ("snap", "memory", "bistable")}
 STRINGS |= {name: {"stiffness": 2000.0, "damper": name} for name in ("progressive", "valve", "round")}

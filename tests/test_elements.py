@@ -106,6 +106,8 @@ BAD = {
     "damper that drives": ("[40.0, 0.0, 5.0]", "[-40.0]", "dampers.cubic", "-40.0", "drive the string", "Keep it at 0"),
     "bistable without memory": ("zeta = [3.0, 4.0]", 'zeta = [3.0, 8.5]\nbeams = "any"',
         "nsh.soft.zeta[2]", "8.5", "means nothing without memory", 'law = "hysteretic"'),
+    "monotone without memory": ("zeta = [3.0, 4.0]", 'zeta = [3.0, 1.5]\nbeams = "any"',
+        "nsh.soft.zeta[2]", "1.5", "monotone", "series of such beams"),
 }  # fmt: skip
 
 
@@ -151,7 +153,7 @@ def test_a_tree_without_bounds_is_refused():
 
 
 @pytest.mark.parametrize("law, beams, zeta", [("hysteretic", "metastable", 4.0), ("hysteretic", "any", 9.0),
-                                              ("single_valued", "any", 1.5)])
+                                              ("hysteretic", "any", 1.5)])
 def test_laws_of_an_nsh(law, beams, zeta):
     text = GOOD.replace("zeta = [3.0, 4.0]", f'zeta = [3.0, {zeta}]\nlaw = "{law}"\nbeams = "{beams}"')
     model = statics.build_model(parse_scene(tomllib.loads(text)))
