@@ -149,7 +149,7 @@ class Calls:
         if mode == "terminated":
             self.do("Terminate")
         elif mode == "error":
-            self.do("CancelStep")
+            self.do("EnterInitializationMode")
         self.messages.clear()
 
     def step(self, time: float, h: float) -> int:

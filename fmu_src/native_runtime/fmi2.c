@@ -1,7 +1,8 @@
 /* FMI 2.0 for co-simulation: order of calls, values, steps, states.
  *
- * Status: fmi2Discard where a value or a step is refused and the instance stays as it was; fmi2Error for a call that must not
- * be made (then only a reset, a saved state or fmi2FreeInstance help); never fmi2Fatal.  docs/fmu.md has the table. */
+ * Status: fmi2Discard where something is refused and the instance stays as it was; fmi2Error where the standard wants it, or
+ * where host and FMU have parted, so that going on would give wrong results (then only a reset, a saved state or
+ * fmi2FreeInstance help); never fmi2Fatal.  docs/fmu.md has the table. */
 #include "instance.h"
 
 #include <float.h>
@@ -22,6 +23,12 @@ static fmi2Status error(instance *fmu, const char *what, const char *why)
     return fmi2Error;
 }
 
+static fmi2Status refuse(const instance *fmu, const char *what, const char *why)
+{
+    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s refused: %s", what, why);
+    return fmi2Discard;
+}
+
 static const char *mode_name(int mode)
 {
     switch (mode) {
@@ -33,23 +40,24 @@ static const char *mode_name(int mode)
     }
 }
 
-/* Is the call allowed now?  If not, it is an error. */
-static int allowed(instance *fmu, int modes, const char *what)
+/* fmi2OK where the call is allowed now; else `otherwise`: fmi2Error for what moves the instance on, fmi2Discard for what only
+ * sets, reads or saves. */
+static fmi2Status in_order(instance *fmu, int modes, fmi2Status otherwise, const char *what)
 {
-    if (!fmu) return 0;
-    if (fmu->mode & modes) return 1;
+    if (!fmu) return fmi2Error;
+    if (fmu->mode & modes) return fmi2OK;
     char why[128];
     snprintf(why, sizeof why, "must not be called %s", mode_name(fmu->mode));
-    error(fmu, what, why);
-    return 0;
+    return otherwise == fmi2Error || fmu->mode == FMU_ERROR ? error(fmu, what, why) : refuse(fmu, what, why);
 }
 
-#define REQUIRE(component, modes)                               \
-    instance *fmu = component;                                  \
-    if (!allowed(fmu, modes, __func__)) return fmi2Error
+#define REQUIRE(component, modes, otherwise)                                \
+    instance *fmu = component;                                              \
+    fmi2Status order_status = in_order(fmu, modes, otherwise, __func__);    \
+    if (order_status != fmi2OK) return order_status
 
 #define REQUIRE_POINTER(pointer) \
-    if (!(pointer)) return error(fmu, __func__, "a null pointer was passed")
+    if (!(pointer)) return refuse(fmu, __func__, "a null pointer was passed")
 
 /* Initialization Mode: outputs follow inputs and parameters at once, computed when somebody looks. */
 static int refresh(instance *fmu, const char *what)
@@ -76,7 +84,7 @@ FMI2_Export const char *fmi2GetVersion(void) { return fmi2Version; }
 FMI2_Export fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
     fmi2Status status = fmi2OK;
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     if (n) REQUIRE_POINTER(categories);
     fmu->log[LOG_EVENTS] = fmu->log[LOG_SOLVER] = on && n == 0;
     for (size_t i = 0; i < n; i++) {
@@ -187,9 +195,9 @@ static int accepts(const variable_table *t, int32_t reference, double value)
 FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                            fmi2Boolean stop_defined, fmi2Real stop)
 {
-    REQUIRE(c, FMU_INSTANTIATED);
-    if (!isfinite(start)) return error(fmu, __func__, "the start time is not a finite number");
-    if (stop_defined && !(stop >= start)) return error(fmu, __func__, "the stop time lies before the start time");
+    REQUIRE(c, FMU_INSTANTIATED, fmi2Error);
+    if (!isfinite(start)) return refuse(fmu, __func__, "the start time is not a finite number");
+    if (stop_defined && !(stop >= start)) return refuse(fmu, __func__, "the stop time lies before the start time");
     fmu->start = fmu->time = start;
     fmu->stop = stop;
     fmu->stop_defined = stop_defined != 0;
@@ -207,7 +215,7 @@ FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranc
 
 FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 {
-    REQUIRE(c, FMU_INSTANTIATED);
+    REQUIRE(c, FMU_INSTANTIATED, fmi2Error);
     fmu->mode = FMU_INITIALIZATION;
     fmu->stale = 1;
     return fmi2OK;
@@ -215,8 +223,8 @@ FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 
 FMI2_Export fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
-    REQUIRE(c, FMU_INITIALIZATION);
-    if (!refresh(fmu, __func__)) return error(fmu, __func__, "the start values above must be mended");
+    REQUIRE(c, FMU_INITIALIZATION, fmi2Error);
+    if (!refresh(fmu, __func__)) return refuse(fmu, __func__, "the start values above must be mended");
     fmu->mode = FMU_STEPPING;
     return fmi2OK;
 }
@@ -234,7 +242,7 @@ static void log_solver(const instance *fmu)
 
 FMI2_Export fmi2Status fmi2Terminate(fmi2Component c)
 {
-    REQUIRE(c, FMU_STEPPING);
+    REQUIRE(c, FMU_STEPPING, fmi2Error);
     log_solver(fmu);
     fmu->mode = FMU_TERMINATED;
     return fmi2OK;
@@ -242,7 +250,7 @@ FMI2_Export fmi2Status fmi2Terminate(fmi2Component c)
 
 FMI2_Export fmi2Status fmi2Reset(fmi2Component c)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Error);
     if (ts_reset(fmu->sim) != TS_OK) return error(fmu, __func__, ts_message(fmu->sim));
     to_instantiated(fmu);
     return fmi2OK;
@@ -260,18 +268,18 @@ static size_t stray(const variable_table *t, const fmi2ValueReference vr[], size
     return known;
 }
 
-static fmi2Status no_such(instance *fmu, const char *what, fmi2ValueReference vr, const char *type)
+static fmi2Status no_such(const instance *fmu, const char *what, fmi2ValueReference vr, const char *type)
 {
     char why[96];
     snprintf(why, sizeof why, "no %s variable has the value reference %u", type, vr);
-    return error(fmu, what, why);
+    return refuse(fmu, what, why);
 }
 
 /* Some importers read every output as a Real; references are unique over the types, so that an integer is clear. */
 FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
-    REQUIRE(c, AFTER_START);
-    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    REQUIRE(c, AFTER_START, fmi2Discard);
+    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
     if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
@@ -282,8 +290,8 @@ FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[
 
 FMI2_Export fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
 {
-    REQUIRE(c, AFTER_START);
-    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    REQUIRE(c, AFTER_START, fmi2Discard);
+    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
     if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
@@ -292,7 +300,7 @@ FMI2_Export fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference 
 }
 
 /* May the variable take the value now?  fmi2OK, or the status that says why not. */
-static fmi2Status judge(instance *fmu, const char *what, fmi2ValueReference vr, double value, double present)
+static fmi2Status judge(const instance *fmu, const char *what, fmi2ValueReference vr, double value, double present)
 {
     const variable_table *t = &fmu->table;
     char a[32], b[32], d[32], e[32];
@@ -301,7 +309,7 @@ static fmi2Status judge(instance *fmu, const char *what, fmi2ValueReference vr, 
         const char *why = t->settable[vr] ? "a fixed parameter cannot change after initialization" : "it is an output";
         char text[256];
         snprintf(text, sizeof text, "%.100s = %s: %s", t->name[vr], fmu_number(value, a), why);
-        return error(fmu, what, text);
+        return refuse(fmu, what, text);
     }
     if (accepts(t, (int32_t)vr, value)) return fmi2OK;
     fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: %s = %s refused, %s kept: it must be finite%s%s%s%s", what, t->name[vr],
@@ -321,8 +329,8 @@ static void note_early(instance *fmu, const fmi2ValueReference vr[], size_t n)
 
 FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
-    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
-    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, fmi2Discard);
+    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.reals);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
     const variable_table *t = &fmu->table;
@@ -338,8 +346,8 @@ FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[
 
 FMI2_Export fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
 {
-    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
-    if (n && (!vr || !value)) return error(fmu, __func__, "a null pointer was passed");
+    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, fmi2Discard);
+    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
     for (size_t i = 0; i < n; i++) {
@@ -355,9 +363,9 @@ FMI2_Export fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference 
 static fmi2Status none(fmi2Component c, int modes, const fmi2ValueReference vr[], size_t n, const char *what, const char *type)
 {
     instance *fmu = c;
-    if (!allowed(fmu, modes, what)) return fmi2Error;
-    if (n == 0) return fmi2OK;
-    return vr ? no_such(fmu, what, vr[0], type) : error(fmu, what, "a null pointer was passed");
+    fmi2Status status = in_order(fmu, modes, fmi2Discard, what);
+    if (status != fmi2OK || n == 0) return status;
+    return vr ? no_such(fmu, what, vr[0], type) : refuse(fmu, what, "a null pointer was passed");
 }
 
 FMI2_Export fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[])
@@ -414,16 +422,13 @@ static void log_events(const instance *fmu)
 /* Round-off that a communication point may have: the host counts its own time. */
 static double slack(double time, double h) { return 1e-6 * h + 4.0 * DBL_EPSILON * fabs(time); }
 
-/* Why a step must not be asked for, or NULL. */
-static const char *wrong_step(const instance *fmu, double point, double h, char *text, size_t capacity)
+/* Where the host's time and the FMU's have parted, or the stop time would be passed: why, or NULL. */
+static const char *wrong_time(const instance *fmu, double point, double h, char *text, size_t capacity)
 {
     const char *form = NULL;
     double one = point, other = fmu->time;
     char a[32], b[32];
-    if (!(h > 0.0) || !isfinite(h)) {
-        form = "the step size %s s is not positive and finite";
-        one = h;
-    } else if (!(fabs(point - fmu->time) <= slack(fmu->time, h))) {
+    if (!(fabs(point - fmu->time) <= slack(fmu->time, h))) {
         form = "the communication point is %s s, but the FMU stands at %s s";
     } else if (fmu->stop_defined && point + h > fmu->stop + slack(fmu->stop, h)) {
         form = "the step from %s s would pass the stop time %s s";
@@ -433,22 +438,30 @@ static const char *wrong_step(const instance *fmu, double point, double h, char 
     return form ? text : NULL;
 }
 
-static fmi2Status discard(instance *fmu, double point)
+static fmi2Status discard(instance *fmu, double point, const char *why)
 {
     char time[32];
     fmu->discarded = 1;
     fmu_number(point, time);
-    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "the step from t = %s s is discarded: %s", time, ts_message(fmu->sim));
+    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "the step from t = %s s is discarded: %s", time, why);
     return fmi2Discard;
+}
+
+static fmi2Status wrong_size(instance *fmu, double point, double h)
+{
+    char why[96], size[32];
+    snprintf(why, sizeof why, "the step size %s s is not positive and finite", fmu_number(h, size));
+    return discard(fmu, point, why);
 }
 
 FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, fmi2Boolean no_set_state_prior)
 {
     char why[192];
-    REQUIRE(c, FMU_STEPPING);
+    REQUIRE(c, FMU_STEPPING, fmi2Error);
     (void)no_set_state_prior;
-    if (wrong_step(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
-    if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point);
+    if (!(h > 0.0) || !isfinite(h)) return wrong_size(fmu, point, h);
+    if (wrong_time(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
+    if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point, ts_message(fmu->sim));
     fmu->discarded = fmu->derivatives_ready = 0;
     fmu->time = point + h;
     if (fmu->log[LOG_EVENTS] && ts_transition_count(fmu->sim)) log_events(fmu);
@@ -457,27 +470,25 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, f
 
 FMI2_Export fmi2Status fmi2CancelStep(fmi2Component c)
 {
-    REQUIRE(c, FMU_ANY);
-    return error(fmu, __func__, "no step is under way: fmi2DoStep returns when it is done, never fmi2Pending");
+    REQUIRE(c, FMU_ANY, fmi2Discard);
+    return refuse(fmu, __func__, "no step is under way: fmi2DoStep returns when it is done, never fmi2Pending");
 }
 
-/* fmi2Discard: there is no such status to tell, as no step is ever pending. */
-static fmi2Status not_pending(instance *fmu, const char *what)
+static fmi2Status not_pending(const instance *fmu, const char *what)
 {
-    fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: no step is ever pending here", what);
-    return fmi2Discard;
+    return refuse(fmu, what, "no step is ever pending here");
 }
 
 FMI2_Export fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
     (void)kind, (void)value;
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
     return not_pending(fmu, __func__);
 }
 
 FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
 {
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
     REQUIRE_POINTER(value);
     if (kind != fmi2LastSuccessfulTime) return not_pending(fmu, __func__);
     *value = fmu->time;
@@ -487,7 +498,7 @@ FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k
 FMI2_Export fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
 {
     (void)kind, (void)value;
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
     return not_pending(fmu, __func__);
 }
 
@@ -495,7 +506,7 @@ FMI2_Export fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKin
  * it for ever; so the answer is yes until a step succeeds. */
 FMI2_Export fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
 {
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
     REQUIRE_POINTER(value);
     if (kind != fmi2Terminated) return not_pending(fmu, __func__);
     *value = fmu->discarded ? fmi2True : fmi2False;
@@ -505,7 +516,7 @@ FMI2_Export fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKin
 FMI2_Export fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
 {
     (void)kind, (void)value;
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED);
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
     return not_pending(fmu, __func__);
 }
 
@@ -516,14 +527,14 @@ FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
                                                    const fmi2Integer order[], const fmi2Real value[])
 {
     char text[32];
-    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING);
-    if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
+    REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, fmi2Discard);
+    if (n && (!vr || !order || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     int32_t inputs = ts_input_count(fmu->sim);
     double *slopes = ts_slopes(fmu->sim);
     size_t bad = stray(&fmu->table, vr, n, 0, inputs);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "input");
     for (size_t i = 0; i < n; i++) {
-        if (order[i] != 1 && order[i] != 2) return error(fmu, __func__, "only derivatives of order 1 and 2 are used");
+        if (order[i] != 1 && order[i] != 2) return refuse(fmu, __func__, "only derivatives of order 1 and 2 are used");
         if (isfinite(value[i])) continue;
         fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: derivative %d of %s = %s refused: it must be finite", __func__, order[i],
                 fmu->table.name[vr[i]], fmu_number(value[i], text));
@@ -537,14 +548,14 @@ FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
 FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                                     const fmi2Integer order[], fmi2Real value[])
 {
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED | FMU_ERROR);
-    if (n && (!vr || !order || !value)) return error(fmu, __func__, "a null pointer was passed");
+    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED | FMU_ERROR, fmi2Discard);
+    if (n && (!vr || !order || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, fmu->first_output, fmu->table.reals);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real output");
     for (size_t i = 0; i < n; i++)
-        if (order[i] != 1) return error(fmu, __func__, "only derivatives of order 1 are given");
+        if (order[i] != 1) return refuse(fmu, __func__, "only derivatives of order 1 are given");
     if (!fmu->derivatives_ready && ts_output_derivatives(fmu->sim, fmu->derivatives) != TS_OK)
-        return error(fmu, __func__, ts_message(fmu->sim));
+        return refuse(fmu, __func__, ts_message(fmu->sim));
     fmu->derivatives_ready = 1;
     for (size_t i = 0; i < n; i++) value[i] = fmu->derivatives[vr[i] - (uint32_t)fmu->first_output];
     return fmi2OK;
@@ -555,15 +566,15 @@ FMI2_Export fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
                                                     fmi2Real response[])
 {
     (void)unknown, (void)unknowns, (void)known, (void)knowns, (void)change, (void)response;
-    REQUIRE(c, AFTER_START);
-    return error(fmu, __func__, "directional derivatives are not provided: no output depends directly on an input");
+    REQUIRE(c, AFTER_START, fmi2Discard);
+    return refuse(fmu, __func__, "directional derivatives are not provided: no output depends directly on an input");
 }
 
 /* -------------------------------------------------------------------------------------------------------------- states */
 
 FMI2_Export fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     if (!*state && !(*state = malloc(fmu_state_size(fmu)))) return error(fmu, __func__, "out of memory");
     fmu_state_save(fmu, *state);
@@ -572,17 +583,17 @@ FMI2_Export fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 
 FMI2_Export fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
-    if (why) return error(fmu, __func__, why);
+    if (why) return refuse(fmu, __func__, why);
     fmu->derivatives_ready = 0;
     return fmu_state_restore(fmu, state) == TS_OK ? fmi2OK : error(fmu, __func__, ts_message(fmu->sim));
 }
 
 FMI2_Export fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     if (!state) return fmi2OK;
     free(*state);
     *state = NULL;
@@ -591,34 +602,34 @@ FMI2_Export fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 
 FMI2_Export fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(size);
     const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
-    if (why) return error(fmu, __func__, why);
+    if (why) return refuse(fmu, __func__, why);
     *size = fmu_state_size(fmu);
     return fmi2OK;
 }
 
 FMI2_Export fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(bytes);
     const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
-    if (why) return error(fmu, __func__, why);
-    if (size < fmu_state_size(fmu)) return error(fmu, __func__, "the vector is too short; ask fmi2SerializedFMUstateSize");
+    if (why) return refuse(fmu, __func__, why);
+    if (size < fmu_state_size(fmu)) return refuse(fmu, __func__, "the vector is too short; ask fmi2SerializedFMUstateSize");
     memcpy(bytes, state, fmu_state_size(fmu));
     return fmi2OK;
 }
 
 FMI2_Export fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    REQUIRE(c, FMU_ANY);
+    REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(bytes);
     REQUIRE_POINTER(state);
     const char *why = fmu_state_refusal(fmu, bytes, size);
-    if (why) return error(fmu, __func__, why);
+    if (why) return refuse(fmu, __func__, why);
     char *copy = malloc(size);
     if (!copy) return error(fmu, __func__, "out of memory");
     memcpy(copy, bytes, size);
