@@ -4,11 +4,18 @@ Independent of the C kernel on purpose.  Matrices follow the article: node coord
 (a column per node), C_s, C_b, C_r are the connectivities of strings, bars and bar centres.  Two errata of the article
 are mended, see `mass_matrix` and `bar_force_density`.  Beyond the article: point masses, drag, moved nodes (`moved`) and,
 with the sign of winding in, its eq. 8 (`actuator`).
+
+Of eq. 1, N'' M + N K = W, the columns of the free nodes are solved for N''; M^-1 is the inverse of their part of M, with
+zeros at the fixed nodes, whose columns give the forces of the ground.  N K = S (gamma + eta) C_s - B lambda C_b is used
+as it stands here, without K, and eq. 4-7 without the zeros of Z and V: X = [N Ndot], Xdot = [Ndot N''].
+
+Products of small matrices are written A.dot(B), which takes half the time of A @ B.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +27,7 @@ from .errors import InputError
 from .model import Model
 from .moved import Moved, moved_nodes
 
-#: Least string length, m: keeps 0/0 out where a slack string's ends meet.
+#: Added to squared string lengths, m2: keeps 0/0 out where a slack string's ends meet, and is lost in any other.
 TINY = 1e-300
 
 
@@ -47,140 +54,94 @@ def mass_matrix(C_b: np.ndarray, C_r: np.ndarray, J: np.ndarray, m: np.ndarray, 
     return (C_b.T * J) @ C_b + (C_r.T * m) @ C_r + np.diag(m_p)
 
 
-def centred(C_b: np.ndarray, m: np.ndarray, m_p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bars with point masses, as if free: the moment of inertia about the centre of mass over l^2 (B,), kg, and the ends'
-    places about the centre of mass in terms of the bar's vector (B, n).  Without point masses: m / 12, C_b / 2.
+def levers(C_b: np.ndarray, fixed: np.ndarray, m: np.ndarray, m_p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each bar the moment of inertia over l^2 about its pin, or else its centre of mass (B,), kg, and its free ends' places
+    about that point in terms of the bar's vector (B, n).  Free, without point masses: m / 12, C_b / 2.
 
     In terms of M these are 1 / (C_b M^-1 C_b^T) and C_b M^-1 / (C_b M^-1 C_b^T), bar by bar.
     """
-    first, second = (C_b < 0.0) @ m_p, (C_b > 0.0) @ m_p
+    first, second = (C_b < 0.0).dot(m_p), (C_b > 0.0).dot(m_p)
     x = (0.5 * m + second) / (m + first + second)    # the centre's place along the bar, from the first node
+    x = np.where((C_b < 0.0).dot(fixed), 0.0, np.where((C_b > 0.0).dot(fixed), 1.0, x))
     inertia = m / 12.0 + m * (0.5 - x) ** 2 + first * x ** 2 + second * (1.0 - x) ** 2
     return inertia, (C_b < 0.0) * -x[:, None] + (C_b > 0.0) * (1.0 - x)[:, None]
 
 
 def string_motion(N, Ndot, C_s):
     """S = N C_s^T (3, S), lengths xi = |s| and their rates s . sdot / xi (the article's remark after eq. 3)."""
-    S, Sdot = N @ C_s.T, Ndot @ C_s.T
-    xi = np.maximum(np.sqrt(diagonal(S, S)), TINY)
+    S, Sdot = N.dot(C_s.T), Ndot.dot(C_s.T)
+    xi = lengths(diagonal(S, S))
     return S, xi, diagonal(S, Sdot) / xi
 
 
-def elastic_tension(stretch, taut, piece, k, honeycombs, elements=(), branches=None):
-    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  stretch: xi - xi0, m; taut: 1 or 0; piece: the piece of its force curve
-    that each string uses; honeycombs: (string, NSH) of the strings with an NSH; elements: (string, Law) of those with
-    another law; branches: string -> Branch of those with memory."""
-    f = taut * k * stretch
-    for j, nsh in honeycombs:
-        f[j] = honeycomb.tabulated_force(nsh, piece.item(j), stretch.item(j), k.item(j))
-    for j, law in elements:
-        f[j] = law.force_on_piece(piece.item(j), stretch.item(j), k.item(j))
-    for j, branch in (branches or {}).items():
-        f[j] = branch.force(stretch.item(j))
+def lengths(squares):
+    """xi = |s| (S,) m from s . s; no less than the root of TINY."""
+    return np.sqrt(squares + TINY)
+
+
+def elastic_tension(stretch, k, curves=()):
+    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  stretch: xi - xi0, m; k (S,): stiffness, 0 where slack, N/m; curves: (string,
+    force over stretch) of the strings that are no plain springs, on the pieces of their curves that they use."""
+    f = k * stretch
+    for j, force in curves:
+        f[j] = force(stretch.item(j))
     return f
 
 
-def damping_tension(stretch_rate, taut, d, dampers=()):
-    """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  dampers: (string, Damping) of the others than linear."""
-    f = taut * d * stretch_rate
-    for j, law in dampers:
-        f[j] = taut.item(j) * law.force(stretch_rate.item(j))
+def damping_tension(stretch_rate, d, curves=()):
+    """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  d (S,): coefficients, 0 where slack, N s/m; curves:
+    (string, force over rate) of the taut strings whose dampers are not linear."""
+    f = d * stretch_rate
+    for j, force in curves:
+        f[j] = force(stretch_rate.item(j))
     return f
 
 
-def bar_force_density(B, inertial, F, arms):
+def bar_force_density(B, Bdot, l2, F, J, arms):
     """lambda (B,) N/m of eq. 1: -J l^-2 [Bdot^T Bdot] - l^-2 [B^T F C_b^T] / 2, diagonals only.
 
-    inertial: the diagonal of J Bdot^T Bdot.  J and arms, which stands for C_b / 2: see `centred`; with point masses, too,
-    this lambda leaves b . b'' + |b'|^2 = 0 under N'' M = F + B lambda C_b.
+    l2 (B,): the squares of the bars' lengths.  J and arms, which stands for C_b / 2: see `levers`; with point masses and
+    fixed ends, too, this lambda leaves b . b'' + |b'|^2 = 0 under N'' M = F + B lambda C_b.
     Erratum: F = W - S (gamma + eta) C_s, the force on the nodes; the article has the strings' term with the other sign.
     """
-    return (-diagonal(B, F @ arms.T) - inertial) / diagonal(B, B)
+    return -(diagonal(B, F.dot(arms.T)) + J * diagonal(Bdot, Bdot)) / l2
 
 
-def stiffness_matrix(density, lam, C_s, C_b):
-    """K = C_s^T (gamma + eta) C_s - C_b^T lambda C_b of eq. 1, N/m.  density: gamma + eta."""
-    return (C_s.T * density) @ C_s - (C_b.T * lam) @ C_b
-
-
-def constraint_forces(B, lam, F, acceleration, g: "Ground"):
-    """F_c (3, n) N of eq. 1: forces of the ground that leave the fixed nodes with the acceleration (3, n) of their inputs
-    (None: zero, no node is moved).
-
-    lam, F: lambda and nodal forces without the ground's; they leave too large an acceleration by a at a fixed node g.
-    Through W and through lambda, a force c there changes it by A c, A = p I - q b b^T / l^2, where b is the node's bar,
-    p = (M^-1)_gg and q = arms_bg (C_b M^-1)_bg.  So c = -A^-1 a, A^-1 = (I + q / (p - q) b b^T / l^2) / p
-    (Sherman and Morrison's formula).  Class 1: no other node's c enters.
-    At an anchor, a fixed node without a bar, the ground balances the strings and moves the point mass.
-    """
-    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv
-    if acceleration is not None:
-        a = a - acceleration @ g.pins.T
-        F = F - acceleration * g.anchor_mass
-    b = B @ g.bars
-    c = -(a + b * (g.ratio * diagonal(b, a) / diagonal(b, b))) / g.p
-    return c @ g.pins - F * g.anchors
-
-
-def first_order_form(N, Ndot, K, W, M_inv):
-    """Xdot (3, 2n) of eq. 7, Xdot = X Z + V, with X = [N Ndot] (eq. 4), Z = [[0, -K M^-1], [I, 0]] (eq. 5) and
-    V = [0, W M^-1] (eq. 6).  M_inv has zero rows and columns for anchors, which carry no mass."""
-    n = N.shape[1]
-    X = np.concatenate((N, Ndot), axis=1)
-    Z = np.zeros((2 * n, 2 * n))
-    Z[:n, n:] = -K @ M_inv
-    Z[n:, :n] = np.eye(n)
-    V = np.zeros((3, 2 * n))
-    V[:, n:] = W @ M_inv
-    return X @ Z + V
+def ground_forces(s: "Structure", Nddot, F, bars):
+    """Forces of the ground on the structure (3, n) N: at the fixed nodes, what eq. 1 lacks there under the other forces F and
+    those of the bars, B lambda C_b."""
+    return (Nddot.dot(s.M) - F - bars) * s.fixed
 
 
 # ------------------------------------------------------------------------------------------------- what stays constant
-
-class Ground(NamedTuple):
-    """Fixed nodes.
-
-    For the G of them that end a bar (pins): M_inv (n, G) and C_b_M_inv (B, G), the columns of M^-1 and of C_b M^-1;
-    bars (B, G) selects the pin's bar, pins (G, n) the pin; p and ratio = q / (p - q) (G,), see `constraint_forces`.
-    anchors (n,): 1 at fixed nodes without a bar; anchor_mass (n,): point masses there, kg.
-    """
-
-    M_inv: np.ndarray
-    C_b_M_inv: np.ndarray
-    bars: np.ndarray
-    pins: np.ndarray
-    p: np.ndarray
-    ratio: np.ndarray
-    anchors: np.ndarray
-    anchor_mass: np.ndarray
-
 
 @dataclass(frozen=True)
 class Structure:
     """A model's constant matrices, in the article's notation.
 
-    J (B,), arms (B, n): see `centred`; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other than 0 at the nodes
-    `dragged`; lever (B, n): how a bar's nodes move when its vector changes about its centre of mass or pin;
-    in_plane (3, 1): 1 on the axes that the scene uses;
+    C (n, S + B): [C_s^T C_b^T]; M_inv (n, n): of the free nodes, see above; J (B,), arms (B, n): see `levers`;
+    C_b_M_inv (B, n): C_b M^-1; fixed (n,): 1 at fixed nodes; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other
+    than 0 at the nodes `dragged`; in_plane (3, 1): 1 on the axes that the scene uses;
     honeycombs: (string, NSH) of the strings that have one; elements: (string, Law) of those with another law without
     memory; slack: the slack branch of each string with memory; dampers: (string, Damping) of those that are not linear;
     breakpoints: per string the ends of its pieces, m; none of a string with memory.
     """
 
     model: Model
+    C: np.ndarray
     C_s: np.ndarray
     C_b: np.ndarray
-    J: np.ndarray
-    arms: np.ndarray
     M: np.ndarray
     M_inv: np.ndarray
-    ground: Ground
+    C_b_M_inv: np.ndarray
+    J: np.ndarray
+    arms: np.ndarray
+    fixed: np.ndarray
     moved: Moved
     motors: Motors
     weight: np.ndarray
     drag: np.ndarray
     dragged: np.ndarray
-    lever: np.ndarray
     in_plane: np.ndarray
     honeycombs: tuple
     elements: tuple
@@ -192,32 +153,22 @@ class Structure:
 def structure(model: Model) -> Structure:
     """Work out the constant matrices.  Raises InputError for a model that is not class 1 or not well posed."""
     n = len(model.nodes)
-    bar_of = _bar_of_node(model)
+    _require_class_1(model)
     C_s, C_b = connectivity(model.strings, n), connectivity(model.bars, n)
     C_r = 0.5 * np.abs(C_b)
     m_p, drag = np.zeros(n), np.zeros(n)
     for where, table in ((m_p, model.point_mass), (drag, model.drag)):
         for node, value in table:
             where[node] = value
-    J, arms = centred(C_b, model.bar_mass, m_p)
     M = mass_matrix(C_b, C_r, model.bar_mass / 12.0, model.bar_mass, m_p)
-    on_bar = np.flatnonzero(bar_of >= 0)
-    M_inv = np.zeros((n, n))    # anchors have no mass and no acceleration
-    M_inv[np.ix_(on_bar, on_bar)] = np.linalg.inv(M[np.ix_(on_bar, on_bar)])
-
-    pins = np.flatnonzero(model.fixed & (bar_of >= 0))
-    pin_bars = bar_of[pins]
-    lever = arms.copy()
-    lever[pin_bars] = C_b[pin_bars]
-    lever[pin_bars, pins] = 0.0
-    p, q = M_inv[pins, pins], arms[pin_bars, pins] * (C_b @ M_inv)[pin_bars, pins]
-    anchors = (model.fixed & (bar_of < 0)).astype(float)
-    ground = Ground(M_inv[:, pins], (C_b @ M_inv)[:, pins], np.eye(len(model.bars))[:, pin_bars], np.eye(n)[pins],
-                    p, q / (p - q), anchors, anchors * m_p)
+    free = np.ix_(model.free_nodes, model.free_nodes)
+    M_inv = np.zeros((n, n))
+    M_inv[free] = np.linalg.inv(M[free])
+    J, arms = levers(C_b, model.fixed, model.bar_mass, m_p)
 
     in_plane = np.zeros((3, 1))
     in_plane[list(model.axes)] = 1.0
-    weight = model.g[:, None] * (model.bar_mass @ C_r + m_p)
+    weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
     honeycombs = tuple((j, model.nsh[j]) for j in model.plain_nsh_strings)
     elements = tuple((j, laws.law(element)) for j, element in model.laws.items())
     slack = {j: hysteresis.start(element, model.stiffness.item(j)) for j, element in model.memories.items()}
@@ -225,12 +176,13 @@ def structure(model: Model) -> Structure:
     ends = dict.fromkeys(range(len(model.strings)), (0.0,))
     ends |= {j: tuple(honeycomb.breakpoints(nsh).tolist()) for j, nsh in honeycombs}
     ends |= {j: law.breakpoints for j, law in elements} | dict.fromkeys(slack, ())
-    return Structure(model, C_s, C_b, J, arms, M, M_inv, ground, moved_nodes(model, M), motors_of(model), weight, drag,
-                     np.flatnonzero(drag), lever, in_plane, honeycombs, elements, slack, dampers, tuple(ends.values()))
+    return Structure(model, np.concatenate((C_s, C_b)).T.copy(), C_s, C_b, M, M_inv, C_b.dot(M_inv), J, arms,
+                     model.fixed.astype(float), moved_nodes(model, M), motors_of(model), weight, drag, np.flatnonzero(drag),
+                     in_plane, honeycombs, elements, slack, dampers, tuple(ends.values()))
 
 
-def _bar_of_node(model: Model) -> np.ndarray:
-    """(n,) the bar that each node belongs to, -1 for none.  Raises InputError unless the equations apply."""
+def _require_class_1(model: Model) -> None:
+    """Raises InputError unless the equations apply."""
     bar_of = np.full(len(model.nodes), -1)
     for i, ends in enumerate(model.bars):
         for node in ends:
@@ -250,7 +202,6 @@ def _bar_of_node(model: Model) -> np.ndarray:
             raise InputError(f"drag names the fixed node {model.node_names[node]!r}; leave it out")
     if model.damping_law not in ("literal", "tension_only"):
         raise InputError(f"damping_law = {model.damping_law!r}: use 'literal' or 'tension_only'")
-    return bar_of
 
 
 # ------------------------------------------------------------------------------------------------- one instant in time
@@ -280,7 +231,7 @@ class Mode(NamedTuple):
     elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.
 
     branches: the branch of each string with memory, whose piece is 0 where it is slack and else one more than the number of
-    its snapped parts."""
+    its snapped parts; k, d (S,), curves and damper_curves: the forces, see `elastic_tension` and `damping_tension`."""
 
     piece: np.ndarray
     clipped: np.ndarray
@@ -289,6 +240,10 @@ class Mode(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     branches: dict
+    k: np.ndarray
+    d: np.ndarray
+    curves: tuple
+    damper_curves: tuple
 
 
 class Strings(NamedTuple):
@@ -305,12 +260,14 @@ class Strings(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Everything that follows from a state: strings, lambda (B,), ground's forces (3, n), Xdot (3, 2n), delta'' (A,)."""
+    """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces on the nodes but the bars' and the ground's
+    (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
 
     strings: Strings
     lam: np.ndarray
-    ground: np.ndarray
-    Xdot: np.ndarray
+    Nddot: np.ndarray
+    F: np.ndarray
+    ground: np.ndarray | None
     winding: np.ndarray
 
 
@@ -326,34 +283,41 @@ def rest_lengths(s: Structure, load: Load, t: float, winding):
 
 def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Strings:
     """Kinematics and tensions of all strings under the pieces that `mode` holds."""
-    S, xi, xi_rate = string_motion(N, Ndot, s.C_s)
+    return _strings(s, load, mode, t, *string_motion(N, Ndot, s.C_s), winding)
+
+
+def _strings(s: Structure, load: Load, mode: Mode, t: float, S, xi, xi_rate, winding) -> Strings:
     xi0, xi0_rate = rest_lengths(s, load, t, winding)
     stretch = xi - xi0
     rate = xi_rate - xi0_rate
-    elastic = elastic_tension(stretch, mode.taut, mode.piece, s.model.stiffness, s.honeycombs, s.elements, mode.branches)
-    unclipped = elastic + damping_tension(rate, mode.taut, s.model.damping, s.dampers)
+    elastic = elastic_tension(stretch, mode.k, mode.curves)
+    unclipped = elastic + damping_tension(rate, mode.d, mode.damper_curves)
     return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
-def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Motion:
-    """Equation 1 and its first order form, and equation 8, at one instant."""
-    strings = strings_at(s, load, mode, t, N, Ndot, winding)
-    density = strings.tension / strings.xi
-    B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
-    inertial = s.J * diagonal(Bdot, Bdot)
-    W = load.force + s.weight
+def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True) -> Motion:
+    """Equation 1 and equation 8 at one instant.  ground: also the forces of the ground, for which moved nodes ask anyway."""
+    m = len(s.C_s)
+    members, rates = N.dot(s.C), Ndot.dot(s.C)    # [S B], [Sdot Bdot]
+    S, B = members[:, :m], members[:, m:]
+    squares = diagonal(members, members)
+    xi = lengths(squares[:m])
+    strings = _strings(s, load, mode, t, S, xi, diagonal(S, rates[:, :m]) / xi, winding)
+    F = load.force + s.weight - (S * (strings.tension / xi)).dot(s.C_s)
     if len(s.dragged):
-        W = W - s.drag * Ndot
-    F = W - (strings.S * density) @ s.C_s
-    lam = bar_force_density(B, inertial, F, s.arms)
-    acceleration = load.acceleration @ s.moved.select if len(s.moved.nodes) else None
-    ground = constraint_forces(B, lam, F, acceleration, s.ground)
-    lam = bar_force_density(B, inertial, F + ground, s.arms)
-    K = stiffness_matrix(density, lam, s.C_s, s.C_b)
-    Xdot = first_order_form(N, Ndot, K, W + ground, s.M_inv)
-    if acceleration is not None:
-        Xdot[:, N.shape[1]:] += acceleration * s.ground.anchors
-    return Motion(strings, lam, ground, Xdot, motor_acceleration(s, load, strings, winding))
+        F -= s.drag * Ndot
+    free, moved = F, len(s.moved.nodes) > 0
+    if moved:    # the columns of eq. 1 at the free nodes hold the accelerations of the others, too
+        given = load.acceleration.dot(s.moved.select)
+        free = F - given.dot(s.M)
+    lam = bar_force_density(B, rates[:, m:], squares[m:], free, s.J, s.arms)
+    if moved:
+        lam -= s.J * diagonal(B, given.dot(s.C_b.T)) / squares[m:]
+    Nddot = free.dot(s.M_inv) + (B * lam).dot(s.C_b_M_inv)
+    if moved:
+        Nddot += given
+    forces = ground_forces(s, Nddot, F, (B * lam).dot(s.C_b)) if ground or moved else None
+    return Motion(strings, lam, Nddot, F, forces, motor_acceleration(s, load, strings, winding))
 
 
 def motor_acceleration(s: Structure, load: Load, strings: Strings, winding):
@@ -410,17 +374,17 @@ def potential_energy(s: Structure, N) -> float:
 
 def on_constraints(s: Structure, N, Ndot):
     """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only."""
-    B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
+    B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
     l2 = diagonal(B, B)
     stretch = s.model.bar_length / np.sqrt(l2) - 1.0
     along = diagonal(B, Bdot) / l2
     # The velocity's projection is unchanged by the position's, which keeps the bar's direction.
-    return N + (B * stretch) @ s.lever, Ndot - (B * along) @ s.lever
+    return N + (B * stretch).dot(s.arms), Ndot - (B * along).dot(s.arms)
 
 
 def drift(s: Structure, N, Ndot) -> float:
     """Largest relative deviation of bar lengths; of b . bdot / l^2, in 1/s, or relative to velocities above 1 m/s."""
-    B, Bdot = N @ s.C_b.T, Ndot @ s.C_b.T
+    B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
     l2 = s.model.bar_length ** 2
     speed = max(1.0, np.abs(Ndot).max())
     deviations = np.abs(diagonal(B, B) / l2 - 1.0) / 2.0, np.abs(diagonal(B, Bdot)) / (l2 * speed)
@@ -456,7 +420,15 @@ def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict
             upper[j] = ends[p]
     for j, branch in branches.items():
         lower[j], upper[j] = branch.lower, branch.upper
-    return Mode(piece, clipped, (piece > 0).astype(float), (~clipped).astype(float), lower, upper, branches)
+    taut, k = (piece > 0).astype(float), s.model.stiffness
+    curves = [(j, honeycomb.piece_force(nsh, piece.item(j), k.item(j))) for j, nsh in s.honeycombs]
+    curves += [(j, partial(law.force_on_piece, piece.item(j), k=k.item(j))) for j, law in s.elements]
+    curves += [(j, branch.force) for j, branch in branches.items()]
+    damper_curves = tuple((j, law.force) for j, law in s.dampers if piece[j] > 0)
+    d = s.model.damping * taut
+    d[[j for j, _ in s.dampers]] = 0.0
+    return Mode(piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, tuple(curves),
+                damper_curves)
 
 
 def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:

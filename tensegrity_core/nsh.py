@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -463,28 +463,41 @@ def force_on_piece(nsh: NSH, number: int, xi: float, k: float) -> float:
     return beam_force(Q, zeta, 1.0, x) + (xi - at) * (slope + 0.5 * curvature * (xi - at))
 
 
-#: Degree of the polynomials of `tabulated_force`, their error relative to the end force, and the most panels per piece.
+#: Degree of the polynomials of `piece_force`, their error relative to the end force, and the most panels per piece.
 DEGREE, TABLE_ERROR, MAX_PANELS = 9, 1e-13, 512
 
 
-def tabulated_force(nsh: NSH, number: int, xi: float, k: float) -> float:
-    """`force_on_piece` (N) to within TABLE_ERROR of the end force, at a tenth of the cost.
+@lru_cache(maxsize=4096)
+def piece_force(nsh: NSH, number: int, k: float):
+    """`force_on_piece` of one piece as a function xi (m) -> N, to within TABLE_ERROR of the end force, at a tenth of the cost.
 
     The article (Algorithm 1) tabulates the curve too.  Here each rise is cut into equal panels, with the Chebyshev
     interpolant of the exact force on each; what needs no table, or lies outside the piece, is exact.
     """
     c = curve(nsh)
-    if 0 < number <= len(c.pieces) and not c.pieces[number - 1].snap:
-        piece = c.pieces[number - 1]
-        if piece.xi_start <= xi <= piece.xi_end:
-            rows = _panels(nsh, number)
-            place = (xi - piece.xi_start) / (piece.xi_end - piece.xi_start) * len(rows)
-            row = min(int(place), len(rows) - 1)
-            t, force = 2.0 * (place - row) - 1.0, 0.0
-            for coefficient in rows[row]:
-                force = force * t + coefficient
-            return force
-    return force_on_piece(nsh, number, xi, k)
+    exact = partial(force_on_piece, nsh, number, k=k)
+    if number == 0:
+        return lambda xi: 0.0
+    if number > len(c.pieces):
+        return lambda xi: c.end_force + k * (xi - c.breakpoints[-1])
+    piece = c.pieces[number - 1]
+    Q, zeta, h = nsh.Q[piece.lead], nsh.zeta[piece.lead], nsh.h[piece.lead]
+    if piece.snap:
+        return lambda xi: beam_force(Q, zeta, h, xi - piece.held)
+    start, end, rows = piece.xi_start, piece.xi_end, _panels(nsh, number)
+    scale = len(rows) / (end - start)
+
+    def tabulated(xi: float) -> float:
+        if not start <= xi <= end:
+            return exact(xi)
+        place = (xi - start) * scale
+        row = min(int(place), len(rows) - 1)
+        t, force = 2.0 * (place - row) - 1.0, 0.0
+        for coefficient in rows[row]:
+            force = force * t + coefficient
+        return force
+
+    return tabulated
 
 
 @lru_cache(maxsize=None)

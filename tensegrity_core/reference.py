@@ -126,6 +126,7 @@ class _Run:
         rests = model.fixed & ~self.s.moved.select.any(axis=0)
         self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
         self.select = np.eye(2 * n)[np.concatenate((self.free, n + self.free))]
+        self.select_free = np.eye(n)[:, self.free]
         # The throughput only scales the ledger; the corners of its absolute values must not govern the step.
         of_node = np.repeat([1.0, self.method.velocity], len(self.free)) * atol * self.method.scale
         of_motor = np.array([[1.0], [self.method.velocity]]) * atol * self.method.scale / self.s.motors.radius
@@ -141,7 +142,7 @@ class _Run:
 
     def unpack(self, t, y):
         """N, Ndot (3, n) from y; the moved nodes are where the load has them at t."""
-        X = self.X_fixed + y[:self.of_nodes].reshape(3, -1) @ self.select
+        X = self.X_fixed + y[:self.of_nodes].reshape(3, -1).dot(self.select)
         n = X.shape[1] // 2
         if len(self.s.moved.nodes):
             X[:, self.s.moved.nodes], X[:, n + self.s.moved.nodes] = self.moved(t)
@@ -166,14 +167,19 @@ class _Run:
 
     def derivative(self, mode: Mode):
         """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""
-        load, moving = self.load, self.select.T
+        load, select, count = self.load, self.select_free, len(self.free)
 
         def ydot(t, y):
             self.stats["evaluations"] += 1
             (N, Ndot), winding = self.unpack(t, y), self.winding(y)
-            motion = motion_at(self.s, load, mode, t, N, Ndot, winding)
-            return np.concatenate(((motion.Xdot @ moving).ravel(), winding[1], motion.winding,
-                                   powers(self.s, load, motion, Ndot, winding)))
+            motion = motion_at(self.s, load, mode, t, N, Ndot, winding, ground=False)
+            found = np.empty(len(y))
+            Xdot = found[:self.of_nodes].reshape(3, -1)
+            Xdot[:, :count], Xdot[:, count:] = y[:self.of_nodes].reshape(3, -1)[:, count:], motion.Nddot.dot(select)
+            if len(motion.winding):
+                found[self.of_nodes:-3] = np.concatenate((winding[1], motion.winding))
+            found[-3:] = powers(self.s, load, motion, Ndot, winding)
+            return found
         return ydot
 
     def jacobian(self, ydot):
@@ -197,7 +203,7 @@ class _Run:
         S, xi, xi_rate = string_motion(N, Ndot, self.s.C_s)
         Sdot = Ndot @ self.s.C_s.T
         motion = motion_at(self.s, self.load, mode, t, N, Ndot, self.winding(y))
-        Sddot = motion.Xdot[:, N.shape[1]:] @ self.s.C_s.T
+        Sddot = motion.Nddot.dot(self.s.C_s.T)
         found = (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate ** 2) / xi
         found[self.s.motors.strings] += self.s.motors.radius * motion.winding
         return found

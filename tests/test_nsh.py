@@ -236,4 +236,4 @@ def test_the_table_equals_the_exact_force(honeycomb):
     for number, (start, end) in enumerate(zip(ends, ends[1:]), 1):
         for xi in np.linspace(start - 1e-4, end + 1e-4, 157):
             exact = nsh.force_on_piece(honeycomb, number, xi, 1000.0)
-            assert abs(nsh.tabulated_force(honeycomb, number, xi, 1000.0) - exact) <= tolerance
+            assert abs(nsh.piece_force(honeycomb, number, 1000.0)(xi) - exact) <= tolerance

@@ -103,7 +103,7 @@ def test_matrix_equations_against_lagrange(seed):
     motion = equations.motion_at(s, load, mode, 0.0, N.T, V.T)
     acceleration, ground = saddle_point(model, N, V, end_forces(model, N, V), base)
     scale = np.abs(ground).max()
-    np.testing.assert_allclose(motion.Xdot[:, 7:].T, acceleration, rtol=0.0, atol=1e-12 * np.abs(acceleration).max())
+    np.testing.assert_allclose(motion.Nddot.T, acceleration, rtol=0.0, atol=1e-12 * np.abs(acceleration).max())
     np.testing.assert_allclose(motion.ground.T, ground, rtol=0.0, atol=1e-12 * scale)
     assert not motion.ground[:, ~model.fixed].any()
 
@@ -607,7 +607,7 @@ def test_fastest_rate_is_a_bound():
         Ndot = np.zeros((3, 7))
         Ndot[:, free] = rates[:count].reshape(3, -1)
         motion = equations.motion_at(s, load, mode, 0.0, model.nodes.T, Ndot, np.stack([np.zeros(2), rates[count:]]))
-        return np.concatenate((motion.Xdot[:, 7:][:, free].ravel(), motion.winding))
+        return np.concatenate((motion.Nddot[:, free].ravel(), motion.winding))
 
     at_rest = accelerations(np.zeros(count + 2))
     slowing = np.array([accelerations(1e-4 * e) - at_rest for e in np.eye(count + 2)]).T / 1e-4

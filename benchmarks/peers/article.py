@@ -44,7 +44,8 @@ class Article:
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         self.clock()
         N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
-        return equations.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot).Xdot.ravel()
+        motion = equations.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot, ground=False)
+        return np.concatenate((Ndot, motion.Nddot), axis=1).ravel()
 
     def energy(self, y: np.ndarray) -> float:
         """Kinetic, potential and elastic, J."""

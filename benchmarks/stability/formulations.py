@@ -28,12 +28,17 @@ from tensegrity_core.equations import diagonal
 
 class Problem(NamedTuple):
     """A model under constant forces: its constant matrices, all forces on the nodes but the strings' (3, n) N, the tips
-    of its bars (B,) and the sign of C_b there (0 and 0 where a bar is not pinned)."""
+    of its bars (B,) and the sign of C_b there (0 and 0 where a bar is not pinned).
+
+    J (B,), M_inv (n, n): m / 12 and M^-1 of bars that are all free, for the matrix form with forces of the ground.
+    """
 
     s: equations.Structure
     W: np.ndarray
     tip: np.ndarray
     sign: np.ndarray
+    J: np.ndarray
+    M_inv: np.ndarray
 
 
 def problem(model: Model, force=None) -> Problem:
@@ -45,7 +50,10 @@ def problem(model: Model, force=None) -> Problem:
     pinned = model.fixed[model.bars].any(axis=1)
     free_end = np.where(model.fixed[model.bars[:, 0]], 1, 0)
     tip = np.where(pinned, model.bars[np.arange(len(model.bars)), free_end], 0)
-    return Problem(s, applied + s.weight, tip, np.where(pinned, 2.0 * free_end - 1.0, 0.0))
+    ends = np.ix_(model.bars.ravel(), model.bars.ravel())
+    M_inv = np.zeros_like(s.M)
+    M_inv[ends] = np.linalg.inv(s.M[ends])
+    return Problem(s, applied + s.weight, tip, np.where(pinned, 2.0 * free_end - 1.0, 0.0), model.bar_mass / 12.0, M_inv)
 
 
 def string_forces(p: Problem, N, Ndot) -> np.ndarray:
@@ -54,19 +62,27 @@ def string_forces(p: Problem, N, Ndot) -> np.ndarray:
     S, xi, rate = equations.string_motion(N, Ndot, p.s.C_s)
     stretch = xi - model.rest_length
     taut = (stretch > 0.0).astype(float)
-    elastic = equations.elastic_tension(stretch, taut, None, model.stiffness, ())
-    density = (elastic + equations.damping_tension(rate, taut, model.damping)) / xi
+    elastic = equations.elastic_tension(stretch, taut * model.stiffness)
+    density = (elastic + equations.damping_tension(rate, taut * model.damping)) / xi
     return p.W - (S * density) @ p.s.C_s
 
 
 def _ground(p: Problem, B, lam, F, l2):
-    """`equations.constraint_forces` for any l^2 in lambda: with A = p I - q b b^T / l^2,
-    A^-1 = (I + q / (p l^2 - q |b|^2) b b^T) / p."""
-    g = p.s.ground
-    a = F @ g.M_inv + (B * lam) @ g.C_b_M_inv
-    b, l2 = B @ g.bars, l2 @ g.bars
-    q = g.p * g.ratio / (1.0 + g.ratio)
-    return -((a + b * (q * diagonal(b, a) / (g.p * l2 - q * diagonal(b, b)))) / g.p) @ g.pins - F * g.anchors
+    """Forces of the ground (3, n) N that leave the fixed nodes at rest, for any l^2 in lambda.
+
+    lam, F: lambda and nodal forces without the ground's; they leave an acceleration a at a fixed node.  Through W and through
+    lambda, a force c there changes it by A c, A = p I - q b b^T / l^2, where b is the node's bar, p = (M^-1)_gg and
+    q = (C_b M^-1)_bg C_b,bg / 2; so c = -A^-1 a, A^-1 = (I + q / (p l^2 - q |b|^2) b b^T) / p (Sherman and Morrison's formula).
+    """
+    M_inv, C_b = p.M_inv, p.s.C_b
+    pins = np.flatnonzero(p.s.model.fixed & np.any(C_b, axis=0))
+    bars = np.argmax(np.abs(C_b[:, pins]), axis=0)
+    a = F @ M_inv[:, pins] + (B * lam) @ (C_b @ M_inv)[:, pins]
+    b, l2, p_g = B[:, bars], np.broadcast_to(l2, (len(C_b),))[bars], M_inv[pins, pins]
+    q = 0.5 * C_b[bars, pins] * (C_b @ M_inv)[bars, pins]
+    ground = -F * (p.s.model.fixed & ~np.any(C_b, axis=0))
+    ground[:, pins] -= (a + b * (q * diagonal(b, a) / (p_g * l2 - q * diagonal(b, b)))) / p_g
+    return ground
 
 
 def matrix(p: Problem, N, Ndot, exact: bool):
@@ -78,12 +94,12 @@ def matrix(p: Problem, N, Ndot, exact: bool):
     speed2 = diagonal(Bdot, Bdot)
 
     def force_density(F):
-        return (diagonal(B, F @ s.C_b.T) * -0.5 - s.J * speed2) / l2
+        return (diagonal(B, F @ s.C_b.T) * -0.5 - p.J * speed2) / l2
 
     F = F + _ground(p, B, force_density(F), F, l2)
     lam = force_density(F)
-    acceleration = (F + (B * lam) @ s.C_b) @ s.M_inv
-    return acceleration, -(2.0 * speed2 + diagonal(B, F @ s.C_b.T) / s.J) / model.bar_length**2
+    acceleration = (F + (B * lam) @ s.C_b) @ p.M_inv
+    return acceleration, -(2.0 * speed2 + diagonal(B, F @ s.C_b.T) / p.J) / model.bar_length**2
 
 
 def pinned(p: Problem, N, Ndot, exact: bool):
@@ -145,8 +161,8 @@ class Motion:
         N = model.nodes.T
         B = N @ s.C_b.T
         stretch = np.sqrt(1.0 + error)
-        N = N + (B * (stretch - 1.0)) @ s.lever
-        Ndot = model.velocity.T + (B * (0.5 * error_rate / stretch)) @ s.lever
+        N = N + (B * (stretch - 1.0)) @ s.arms
+        Ndot = model.velocity.T + (B * (0.5 * error_rate / stretch)) @ s.arms
         theory = np.tile([error, error_rate], (2, len(model.bars), 1)).ravel() if self.with_theory else ()
         return self.pack(N, Ndot, theory)
 
