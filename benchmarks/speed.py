@@ -21,8 +21,7 @@ import machine  # noqa: E402
 import problems  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
-import build_fmu  # noqa: E402
-
+from fmu_src import build as build_fmu  # noqa: E402
 from fmu_src import speed as fmu_speed  # noqa: E402
 from tensegrity_core.kernel import Kernel  # noqa: E402
 from tensegrity_core.native import build  # noqa: E402

@@ -7,6 +7,7 @@ the sources can go along, for targets that have a compiler of their own.
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import platform
 import struct
@@ -25,6 +26,7 @@ from . import terminals
 from .interface import by_reference, Variable, variables
 from .model_description import LOG_CATEGORIES, Runtime, build_description, plain
 from .pack import PackError, complete, write_zip
+from .places import clone, kept
 
 HERE = Path(__file__).parent
 
@@ -98,26 +100,40 @@ def host_library() -> Path:
     library = HERE / "native_runtime" / build.FMU_LIBRARY
     if not library.is_file():
         raise PackError(f"{library} is missing; install this package anew: pip install -e .")
-    if (HERE.parent / "pyproject.toml").is_file() and not is_current(library):
+    if clone(HERE) and not is_current(library):
         raise PackError(f"{library} is older than its sources; compile it anew: pip install -e .")
     return library
 
 
 def is_current(library: Path) -> bool:
     """Whether a library is there and its sources have not changed since it was compiled."""
-    sources = [path for folder in (build.HERE, build.RUNTIME) for path in folder.iterdir() if path.suffix in SOURCES | {".py"}]
-    return library.is_file() and library.stat().st_mtime >= max(path.stat().st_mtime for path in sources)
+    return library.is_file() and library.stat().st_mtime >= max(path.stat().st_mtime for path in compiler_reads())
+
+
+def compiler_reads() -> list[Path]:
+    """Files that determine a library: sources, and how they are compiled."""
+    folders = build.HERE, build.RUNTIME
+    return [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SOURCES | {".py"}]
+
+
+def sources_digest() -> str:
+    """Stands for the content of those files; their times say nothing in an installed package."""
+    digest = hashlib.sha256()
+    for path in compiler_reads():
+        digest.update(f"{path.name}\0{path.stat().st_size}\0".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None) -> Path:
-    """The library for another platform, compiled unless its sources have not changed since.  Raises PackError.
+    """The library for another platform, compiled once for each state of its sources.  Raises PackError.
 
     say: told when the compiler starts, which takes up to a minute.
     """
     if name not in build.TARGETS:
         raise PackError(f"platform {name!r}: use one of {', '.join(build.TARGETS)}")
-    target = HERE.parent / "build" / "native" / name / f"tensegrity_fmu{build.TARGETS[name].suffix}"
-    if is_current(target):
+    target = kept(HERE) / "native" / name / sources_digest() / f"tensegrity_fmu{build.TARGETS[name].suffix}"
+    if target.is_file():
         return target
     if importlib.util.find_spec("ziglang") is None:
         raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang, or -e \".[cross]\"")

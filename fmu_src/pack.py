@@ -29,6 +29,7 @@ from .documentation import index_html
 from .drawing import model_png
 from .interface import by_reference, Variable, variables
 from .model_description import Experiment, Runtime, content_guid, model_description, plain
+from .places import clone, DISTRIBUTION
 
 HERE = Path(__file__).parent
 CORE = Path(tensegrity_core.__file__).parent
@@ -108,7 +109,7 @@ def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...],
     files["modelDescription.xml"] = description(guid)
     files["model.png"] = model_png(model)
     files["documentation/index.html"] = index_html(model, table, version, runtime)
-    files["documentation/licenses/license.txt"] = licence_of("tensegrity")
+    files["documentation/licenses/license.txt"] = licence_of(DISTRIBUTION)
     return guid
 
 
@@ -203,9 +204,8 @@ def licence_of(package: str) -> bytes:
 
 
 def _licence_of(package: str) -> bytes | None:
-    beside = HERE.parent / "LICENSE"
-    if package == "tensegrity" and beside.is_file():
-        return beside.read_bytes()
+    if package == DISTRIBUTION and clone() is not None:
+        return (clone() / "LICENSE").read_bytes()
     try:
         listed = metadata.files(package) or []
     except metadata.PackageNotFoundError:

@@ -19,6 +19,7 @@ import tensegrity_core
 
 from . import compare
 from .documentation import environment
+from .places import clone
 from .validate import Run, Validation, reference_settings
 
 
@@ -113,8 +114,10 @@ def processor() -> str:
 
 
 def commit() -> str | None:
-    """The commit of the sources, with a mark where they differ from it; None outside of a repository."""
-    folder = Path(__file__).parent
+    """The commit of the sources, with a mark where they differ from it; None where these are not a clone's."""
+    folder = clone()
+    if folder is None:  # an installed package may stand in somebody else's repository
+        return None
 
     def git(*arguments: str) -> str | None:
         try:

@@ -27,11 +27,12 @@ from tensegrity_core.result import Result, Transition
 
 from .compare import PERTURBATION, Comparison, compare, series
 from .interface import Variable, variables
+from .places import kept
 from .reference_cache import cached, reference_key
 from .scenarios import Scenario, scenarios
 
 HERE = Path(__file__).parent
-CACHE = HERE.parent / "build" / "reference-cache"
+CACHE = kept() / "reference-cache"
 
 #: Scenes that are known not to be sensitive: a comparison cut short is a failure.
 NOT_SENSITIVE = ("three_bar", "three_bar_nsh")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support import scene
 
-import build_fmu
 import tensegrity_core
+from fmu_src import build as build_fmu
 from fmu_src import compare, validate
 from fmu_src.compare import match, series
 from fmu_src.interface import variables

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from support import scene
 
-import build_fmu
+from fmu_src import build as build_fmu
 from fmu_src import native_fmu
 from fmu_src.interface import variables
-from fmu_src.native_fmu import cross_compiled, here, is_current, pack_native_fmu
+from fmu_src.native_fmu import cross_compiled, here, pack_native_fmu
 from fmu_src.pack import PackError
 from fmu_src.model_description import LOG_CATEGORIES
 from fmu_src.scenarios import pushed_node
@@ -132,7 +132,7 @@ def tree(tmp_path, monkeypatch) -> Path:
         copy = tmp_path / folder.parent.name / folder.name
         shutil.copytree(folder, copy, ignore=shutil.ignore_patterns("__pycache__", "tmp*"))
         monkeypatch.setattr(build, name, copy)
-    (tmp_path / "pyproject.toml").write_text("")
+    (tmp_path / "pyproject.toml").write_text('name = "tensegrity-fmu"\n')
     monkeypatch.setattr(native_fmu, "HERE", tmp_path / "fmu_src")
     os.utime(build.RUNTIME / build.FMU_LIBRARY)
     return tmp_path
@@ -175,10 +175,14 @@ def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatc
     monkeypatch.syspath_prepend(tmp_path / "site")
     words = ["two_bar", "--runtime", "native", "--platforms", "win64", "--no-validate", "--output", str(tmp_path)]
     assert build_fmu.main(words) == 0
-    assert is_current(tree / "build" / "native" / "win64" / "tensegrity_fmu.dll")
     assert build_fmu.main(words) == 0  # nothing to compile: nothing to say
     assert "compiling for" not in capsys.readouterr().out
     assert binaries(tmp_path / "native" / "two_bar.fmu")["win64"] == b"library"
+    with (tree / "fmu_src" / "native_runtime" / "fmi2.c").open("a") as source:
+        source.write("/* changed */")
+    age(tree / "fmu_src" / "native_runtime" / "fmi2.c", -1.0)
+    assert build_fmu.main(words) == 0
+    assert len(list((tree / "build" / "native" / "win64").glob("*/tensegrity_fmu.dll"))) == 2
 
 
 def test_log_categories_say_what_this_runtime_logs(tmp_path):
