@@ -46,8 +46,9 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--naming", choices=namings, default="structured", help="n4.force.x or n4_force_x")
     parser.add_argument("--no-validate", dest="validate", action="store_false", help="only build")
     parser.add_argument("--thorough", action="store_true", help="validate every input at every damping")
-    parser.add_argument("--no-cache", dest="cache", action="store_const", const=None, help="run every reference anew")
-    parser.add_argument("--cache", type=Path, default=CACHE, metavar="DIR", help="folder of reference runs")
+    caching = {"dest": "cache", "default": CACHE}
+    parser.add_argument("--no-cache", action="store_const", const=None, **caching, help="run every reference anew")
+    parser.add_argument("--cache", type=Path, metavar="DIR", **caching, help="folder of reference runs")
     found = parser.parse_args(words)
     if found.all:
         found.scenes = [*builtin_scenes(), *found.scenes]

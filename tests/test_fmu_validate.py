@@ -393,6 +393,12 @@ def test_blanks_between_platforms_do_not_matter():
     assert build_fmu.arguments(["two_bar", "--platforms", "all"]).platforms == tuple(build_fmu.TARGETS)
 
 
+def test_references_are_kept_unless_asked_otherwise():
+    assert build_fmu.arguments(["two_bar"]).cache == validate.CACHE
+    assert build_fmu.arguments(["two_bar", "--cache", "there"]).cache == Path("there")
+    assert build_fmu.arguments(["two_bar", "--no-cache"]).cache is None
+
+
 def test_a_scene_that_is_named_twice_is_built_once(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text('extends = "two_bar"\n')
