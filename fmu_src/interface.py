@@ -78,6 +78,15 @@ ROLES = {
     "output": ("output", "continuous", "calculated"),
 }
 
+#: Fields that are the time derivative of another of the same component.
+DERIVATIVES = {
+    "velocity": "position",
+    "rest_length_rate": "rest_length",
+    "wound_rest_length_rate": "wound_rest_length",
+    "node_velocity": "node_position",
+    "node_acceleration": "node_velocity",
+}
+
 #: The smallest number that counts as positive.
 POSITIVE = sys.float_info.min
 
@@ -106,7 +115,8 @@ LIMITS = {
 @dataclass(frozen=True)
 class Variable:
     """One row.  Attributes are those of FMI; `field` names the row of `fields.FIELDS`; `known` are the value references
-    on which an output depends in Initialization Mode; a bound that does not exist is None.
+    on which an output depends in Initialization Mode; `derivative_of` is the reference of the variable whose time derivative
+    it is; a bound that does not exist is None.
     """
 
     name: str
@@ -123,6 +133,7 @@ class Variable:
     description: str
     field: str
     known: tuple[int, ...]
+    derivative_of: int | None = None
 
 
 def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
@@ -134,7 +145,7 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     """
     start = Kernel(model)
     known, shown = initial_dependencies(model), getattr(model, "shown", None)
-    rows, reference = [], 0
+    rows, places, reference = [], {}, 0
     for fields, starts in ((FIELDS, start.values), (INTEGER_FIELDS, start.integers)):
         offset = reference
         for field in fields:
@@ -143,10 +154,25 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
                 name, role = (NAMES[field.name], field.role) if shown is None else shown.get(field.name, ("", ""))
                 if name and (shown is not None or not _hidden(field, component, model)):
                     rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
+                    places[field.name, *map(str, component.values())] = rows[-1]
                 reference += 1
     _require_unique(rows)
     visible = {row.reference for row in rows}
-    return tuple(replace(row, known=tuple(sorted(visible.intersection(row.known)))) for row in rows)
+    rates = _derivatives(places)
+    return tuple(
+        replace(row, known=tuple(sorted(visible.intersection(row.known))), derivative_of=rates.get(row.reference))
+        for row in rows
+    )
+
+
+def _derivatives(places: dict[tuple[str, ...], Variable]) -> dict[int, int]:
+    """References of derivatives -> of what they are derivatives of.  places: (field, its component) -> row."""
+    found = {}
+    for (field, *component), row in places.items():
+        whole = places.get((DERIVATIVES.get(field, ""), *component))
+        if whole is not None and row.variability == whole.variability == "continuous":
+            found[row.reference] = whole.reference
+    return found
 
 
 def _hidden(field: Field, component: dict, model: Model) -> bool:

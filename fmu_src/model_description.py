@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree as XML
 
@@ -28,6 +29,44 @@ UNITS = {
     "kg.m2": {"kg": 1, "m": 2},
     "N.m.s": {"kg": 1, "m": 2, "s": -1},
     "N.m/A": {"kg": 1, "m": 2, "s": -2, "A": -1},
+}
+
+#: Units in which people read a quantity, by the unit of the FMU's values: name -> factor from that unit.  The first is the
+#: default where it is listed in DISPLAYED, else it is there to be chosen.
+DISPLAY_UNITS = {
+    "m": {"mm": 1e3, "cm": 1e2},
+    "s": {"ms": 1e3},
+    "kg": {"g": 1e3},
+    "m/s": {"mm/s": 1e3},
+    "N": {"kN": 1e-3},
+    "N/m": {"N/mm": 1e-3, "kN/m": 1e-3},
+    "J": {"mJ": 1e3},
+    "A": {"mA": 1e3},
+    "rad/s": {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi},
+    "kg.m2": {"kg.cm2": 1e4},
+    "N.m.s": {"mN.m.s": 1e3},
+    "N.m/A": {"mN.m/A": 1e3},
+}
+
+#: Units whose values are shown in the first of DISPLAY_UNITS unless the user chooses another.
+DISPLAYED = ("m", "s", "rad/s", "kg.m2")
+
+#: Quantities by unit, called as in the Modelica Standard Library.
+QUANTITIES = {
+    "m": "Length",
+    "s": "Time",
+    "kg": "Mass",
+    "m/s": "Velocity",
+    "m/s2": "Acceleration",
+    "N": "Force",
+    "N/m": "TranslationalSpringConstant",
+    "N.s/m": "TranslationalDampingConstant",
+    "J": "Energy",
+    "A": "ElectricCurrent",
+    "rad/s": "AngularVelocity",
+    "kg.m2": "MomentOfInertia",
+    "N.m.s": "RotationalDampingConstant",
+    "N.m/A": "ElectricalTorqueConstant",
 }
 
 #: Log categories of every FMU and what they carry.
@@ -108,8 +147,9 @@ def model_description(
         XML.SubElement(categories, "Category", name=name, description=meaning)
     _add_experiment(root, experiment)
     scalars = XML.SubElement(root, "ModelVariables")
+    index = indices(table)
     for row in table:
-        _add_variable(scalars, row)
+        _add_variable(scalars, row, index)
     _add_structure(root, table)
     XML.indent(root)
     return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
@@ -160,6 +200,8 @@ def _add_units(root: XML.Element, used: set[str]) -> None:
     for name in sorted(used):
         unit = XML.SubElement(units, "Unit", name=name)
         XML.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[name].items()})
+        for shown, factor in DISPLAY_UNITS.get(name, {}).items():
+            XML.SubElement(unit, "DisplayUnit", name=shown, factor=repr(factor))
 
 
 def _add_method_type(root: XML.Element) -> None:
@@ -177,7 +219,7 @@ def _add_experiment(root: XML.Element, experiment: Experiment) -> None:
     XML.SubElement(root, "DefaultExperiment", {name: repr(value) for name, value in attributes.items()})
 
 
-def _add_variable(scalars: XML.Element, row: Variable) -> None:
+def _add_variable(scalars: XML.Element, row: Variable, index: dict[int, str]) -> None:
     attributes = {
         "name": row.name,
         "valueReference": str(row.reference),
@@ -195,12 +237,22 @@ def _add_variable(scalars: XML.Element, row: Variable) -> None:
         value = getattr(row, name)
         if value is not None:
             kind.set(name, _text(value))
+    if row.unit in QUANTITIES:
+        kind.set("quantity", QUANTITIES[row.unit])
+    if row.unit in DISPLAYED:
+        kind.set("displayUnit", next(iter(DISPLAY_UNITS[row.unit])))
+    if row.derivative_of is not None:
+        kind.set("derivative", index[row.derivative_of])
+
+
+def indices(table: tuple[Variable, ...]) -> dict[int, str]:
+    """Value reference -> place in the list of variables, counted from 1, by which a description refers to variables."""
+    return {row.reference: str(place) for place, row in enumerate(table, 1)}
 
 
 def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
-    """Indices in ModelStructure count the variables from 1."""
     structure = XML.SubElement(root, "ModelStructure")
-    index = {row.reference: str(i) for i, row in enumerate(table, 1)}
+    index = indices(table)
     outputs = [row for row in table if row.causality == "output"]
     listed = XML.SubElement(structure, "Outputs")
     for row in outputs:

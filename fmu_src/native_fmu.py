@@ -148,7 +148,8 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
     """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file.  Raises PackError."""
     table = variables(model, contents.naming)
     files = {"resources/model.bin": to_bytes(model), "resources/variables.bin": variables_bin(model, table, "")}
-    files[terminals.PATH] = terminals.terminals(model, table)
+    if (joined := terminals.terminals(model, table)) is not None:
+        files[terminals.PATH] = joined
     for name, library in libraries.items():
         files[f"binaries/{name}/{model.name}{library.suffix}"] = library.read_bytes()
     sources = source_files(model.name) if contents.sources else {}

@@ -19,8 +19,9 @@ MEMBERS = {
 PATH = "terminalsAndIcons/terminalsAndIcons.xml"
 
 
-def terminals(model: Model, table: tuple[Variable, ...]) -> bytes:
-    """The XML document.  table: the FMU's variables, of any naming."""
+def terminals(model: Model, table: tuple[Variable, ...]) -> bytes | None:
+    """The XML document, or None where nothing belongs together: the format has no empty list.  table: the FMU's variables, of
+    any naming."""
     root = XML.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     listed = XML.SubElement(root, "Terminals")
     kinds = dict.fromkeys(model.node_names, "node") | dict.fromkeys(model.string_names, "string")
@@ -34,5 +35,7 @@ def terminals(model: Model, table: tuple[Variable, ...]) -> bytes:
         terminal = XML.SubElement(listed, "Terminal", name=name, matchingRule="plug", attrib=what)
         for member, variable in members:
             XML.SubElement(terminal, "TerminalMemberVariable", variableName=variable, memberName=member, variableKind="signal")
+    if not len(listed):
+        return None
     XML.indent(root)
     return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
