@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import platform
+import re
 import struct
 import sys
 from collections.abc import Callable, Iterable
@@ -19,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import tensegrity_core
+from tensegrity_core.fields import METHODS
 from tensegrity_core.model import Model, to_bytes
 from tensegrity_core.native import build
 
@@ -56,6 +58,27 @@ INTERNAL = b"""#ifndef TS_INTERNAL
 #define TS_INTERNAL /* part of an FMU: nothing of the kernel is exported */
 #endif
 
+"""
+
+#: Stands above the headers in sources/ that include no other of the sources' headers.
+PREFIXED = b'#include "prefix.h"\n\n'
+
+#: A function that a header declares.
+_DECLARED = re.compile(r"^[A-Za-z][\w ]*[ *](\w+)\([^;{]*\);", re.MULTILINE)
+
+#: A function of FMI's that the runtime defines.
+_EXPORTED = re.compile(r"^FMI2_Export .*?\b(fmi2\w+)\(", re.MULTILINE)
+
+_PREFIX = """/* Names of all functions that other files of these sources call: where several FMUs are linked into one program, each has
+ * a prefix of its own, FMI2_FUNCTION_PREFIX, before these as before FMI's functions. */
+#if defined(FMI2_FUNCTION_PREFIX) && !defined(TENSEGRITY_PREFIX_H)
+#define TENSEGRITY_PREFIX_H
+#define TS_PASTE_NAMES(a, b) a##b
+#define TS_PASTE(a, b) TS_PASTE_NAMES(a, b)
+{own}
+/* FMI's, too: some of its headers leave the prefix to others. */
+{fmi}
+#endif
 """
 
 #: In which modes a variable may be set, as the bits of native_runtime/instance.h: instantiated 1, initialization 2, steps 4.
@@ -172,9 +195,23 @@ def source_files(identifier: str) -> dict[str, bytes]:
     files = {path.name: path.read_bytes() for path in paths}
     if len(files) < len(paths):
         raise PackError("two source files have the same name; in sources/ one would hide the other")
+    files["prefix.h"] = prefix_header(files)
     files["tensegrity.h"] = INTERNAL + files["tensegrity.h"]
+    for name in ("tensegrity.h", "blocks.h"):
+        files[name] = PREFIXED + files[name]
     files["buildDescription.xml"] = build_description(identifier, compiled_of(files))
     return files
+
+
+def prefix_header(files: dict[str, bytes]) -> bytes:
+    """Definitions that put FMI2_FUNCTION_PREFIX before the names of what the headers declare."""
+    headers = "\n".join(content.decode() for name, content in sorted(files.items()) if name.endswith(".h"))
+    names = {name for name in _DECLARED.findall(headers) if name.startswith(("ts_", "fmu_", "variables_"))}
+    names |= {f"ts_{method}" for method in METHODS if method != "auto"} | {"fmu_categories"}
+    own = [f"#define {name} TS_PASTE(FMI2_FUNCTION_PREFIX, {name})" for name in sorted(names)]
+    exported = sorted(_EXPORTED.findall(files["fmi2.c"].decode()))
+    fmi = [f"#undef {name}\n#define {name} TS_PASTE(FMI2_FUNCTION_PREFIX, {name})" for name in exported]
+    return _PREFIX.format(own="\n".join(own), fmi="\n".join(fmi)).encode()
 
 
 def compiled_of(names: Iterable[str]) -> tuple[str, ...]:

@@ -18,12 +18,14 @@ import pytest
 from fmpy import read_model_description
 from fmpy.model_description import read_build_description
 from lxml import etree
-from support import scene
+from support import changed, scene
 
 from fmu_src import outside
 from fmu_src.interface import flat, variables
 from fmu_src.native_fmu import here, pack_native_fmu
 from fmu_src.scenarios import pushed_node
+from tensegrity_core.fields import METHODS
+from tensegrity_core.kernel import Kernel
 from tensegrity_core.native import build
 
 SCENE = "three_bar_nsh"
@@ -101,6 +103,108 @@ def test_sources_compile_without_a_warning(name, sources, tmp_path):
     files = sorted(map(str, sources.glob("*.c")))
     done = subprocess.run([*command, *options, *files, "-o", str(tmp_path / "one.so"), "-lm"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[:3000]
+
+
+#: Ways to compile the sources without extensions of the language, with all warnings: gcc's and g++'s are errors.
+STRICT = ["-pedantic-errors", "-Wall", "-Wextra", "-Wconversion", "-Wvla", "-Werror", "-O1", "-ffp-contract=off"]
+PLAIN = {
+    "gcc": ["-std=c99", "-DTS_PLAIN_C", *STRICT],
+    "g++": ["-x", "c++", "-std=c++11", *STRICT],
+    "tcc": ["-Wall", "-Werror"],
+}
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_plain_c_and_cpp_do_the_same_to_the_last_bit(name, fmu, sources, tmp_path):
+    command, library = compiler(name), tmp_path / f"{name}.so"
+    files = sorted(map(str, sources.glob("*.c")))
+    options = [*PLAIN[name], "-fPIC", "-shared", f"-I{build.fmi_headers()}"]
+    done = subprocess.run([*command, *options, *files, "-o", str(library), "-lm"], capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr[:3000]
+    other = tmp_path / name / fmu.name
+    other.parent.mkdir()
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(other, "w") as new:
+        for item in old.namelist():
+            new.writestr(item, library.read_bytes() if item.startswith("binaries/") else old.read(item))
+    np.testing.assert_array_equal(run(other, tmp_path / "one"), run(fmu, tmp_path / "two"))
+
+
+@pytest.mark.parametrize("name", ["gcc", "tcc"])
+def test_every_method_does_the_same_in_plain_c(name, tmp_path):
+    """In the plane and in space: real and complex systems, NSH, tension_only."""
+    library = tmp_path / "plain.so"
+    options = ["-DTS_PLAIN_C", "-fPIC", "-shared"] + (["-std=c99", "-O1"] if name == "gcc" else [])
+    files = map(str, build.kernel_sources())
+    subprocess.run([*compiler(name), *options, *files, "-o", str(library), "-lm"], check=True)
+    for model in (changed(scene("two_bar_nsh"), damping=2000.0), changed(scene("three_bar"), damping_law="tension_only")):
+        for method in METHODS:
+            kernels = [Kernel(model, path, method=method) for path in (None, library)]
+            for kernel in kernels:
+                kernel.initialize()
+                for n in range(30):
+                    kernel["force"][-1] = 30.0 if n < 15 else -30.0
+                    kernel.step(0.02)
+            np.testing.assert_array_equal(kernels[0].values, kernels[1].values)
+            assert kernels[0].stats == kernels[1].stats and kernels[0].stats["steps"] > 20
+
+
+BOTH = r"""
+#include "fmi2FunctionTypes.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define DECLARE(name) \
+    fmi2Component name##_fmi2Instantiate(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *, \
+                                         fmi2Boolean, fmi2Boolean); \
+    fmi2Status name##_fmi2EnterInitializationMode(fmi2Component); \
+    fmi2Status name##_fmi2ExitInitializationMode(fmi2Component); \
+    fmi2Status name##_fmi2DoStep(fmi2Component, fmi2Real, fmi2Real, fmi2Boolean); \
+    fmi2Status name##_fmi2GetReal(fmi2Component, const fmi2ValueReference[], size_t, fmi2Real[]); \
+    void name##_fmi2FreeInstance(fmi2Component);
+DECLARE(one)
+DECLARE(two)
+
+#define RUN(name) \
+    do { \
+        fmi2Real value = NAN; \
+        const fmi2ValueReference reference = (fmi2ValueReference)REFERENCE; \
+        fmi2Component c = name##_fmi2Instantiate("it", fmi2CoSimulation, GUID, RESOURCES, NULL, 0, 0); \
+        if (!c || name##_fmi2EnterInitializationMode(c) || name##_fmi2ExitInitializationMode(c)) return 1; \
+        if (name##_fmi2DoStep(c, 0.0, 0.01, 1) || name##_fmi2GetReal(c, &reference, 1, &value)) return 1; \
+        printf("%.17g\n", value); \
+        name##_fmi2FreeInstance(c); \
+    } while (0)
+
+int main(void)
+{
+    RUN(one);
+    RUN(two);
+    return 0;
+}
+"""
+
+
+def test_two_source_fmus_link_into_one_program(fmu, sources, tmp_path):
+    command, objects = compiler("gcc"), []
+    options = ["-std=c99", "-O0", f"-I{build.fmi_headers()}"]
+    for name in ("one", "two"):
+        folder = tmp_path / name
+        folder.mkdir()
+        files = sorted(map(str, sources.glob("*.c")))
+        subprocess.run([*command, *options, f"-DFMI2_FUNCTION_PREFIX={name}_", "-c", *files], check=True, cwd=folder)
+        objects += sorted(map(str, folder.glob("*.o")))
+    if shutil.which("nm"):
+        listed = subprocess.run(["nm", "--defined-only", "-g", *objects], check=True, capture_output=True, text=True).stdout
+        names = [line.split()[-1] for line in listed.splitlines() if len(line.split()) == 3]
+        assert len(names) > 200 and not [name for name in names if not name.startswith(("one_", "two_"))]
+    description = read_model_description(str(fmu))
+    reference = next(v.valueReference for v in description.modelVariables if v.name == "energy.kinetic")
+    text = {"GUID": f'"{description.guid}"', "RESOURCES": f'"{(sources.parent / "resources").as_uri()}"', "REFERENCE": reference}
+    (tmp_path / "both.c").write_text("".join(f"#define {key} {value}\n" for key, value in text.items()) + BOTH)
+    subprocess.run([*command, *options, "both.c", *objects, "-o", "both", "-lm"], check=True, cwd=tmp_path)
+    printed = subprocess.run([tmp_path / "both"], check=True, capture_output=True, text=True).stdout.split()
+    assert len(printed) == 2 and printed[0] == printed[1] and float(printed[0]) >= 0.0
 
 
 def test_fmpys_compile_command_makes_an_fmu_that_does_the_same_to_the_last_bit(fmu, tmp_path):

@@ -52,7 +52,7 @@ static fmi2Status in_order(instance *fmu, int modes, fmi2Status otherwise, const
 }
 
 #define REQUIRE(component, modes, otherwise)                                \
-    instance *fmu = component;                                              \
+    instance *fmu = (instance *)component;                                              \
     fmi2Status order_status = in_order(fmu, modes, otherwise, __func__);    \
     if (order_status != fmi2OK) return order_status
 
@@ -145,7 +145,7 @@ static void release(instance *fmu)
     free(fmu);
 }
 
-FMI2_Export void fmi2FreeInstance(fmi2Component c) { release(c); }
+FMI2_Export void fmi2FreeInstance(fmi2Component c) { release((instance *)c); }
 
 static uint64_t hash(const char *text)
 {
@@ -158,13 +158,13 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
                                           const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
 {
     char why[512] = "";
-    instance *fmu = calloc(1, sizeof *fmu);
+    instance *fmu = (instance *)calloc(1, sizeof *fmu);
     (void)visible;
     if (!fmu) return NULL;
     if (functions) fmu->host = *functions;
     for (int k = 0; k < LOG_CATEGORIES; k++) fmu->log[k] = k < LOG_EVENTS || logging;
     const char *title = name && *name ? name : "(no name)";
-    if ((fmu->name = malloc(strlen(title) + 1))) strcpy(fmu->name, title);
+    if ((fmu->name = (char *)malloc(strlen(title) + 1))) strcpy(fmu->name, title);
     if (!fmu->name) snprintf(why, sizeof why, "out of memory");
     else if (!name || !*name) snprintf(why, sizeof why, "the instance needs a name");
     else if (type != fmi2CoSimulation) snprintf(why, sizeof why, "this FMU is for co-simulation only");
@@ -172,7 +172,7 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     else fmu->sim = load(fmu, location, guid, why, sizeof why);
     if (fmu->sim) {
         fmu->first_output = ts_output_first(fmu->sim);
-        fmu->derivatives = malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
+        fmu->derivatives = (double *)malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
         if (!fmu->derivatives) snprintf(why, sizeof why, "out of memory");
     }
     if (!fmu->sim || !fmu->derivatives) {
@@ -362,7 +362,7 @@ FMI2_Export fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference 
 /* There are no variables of the other types: only an empty list is right. */
 static fmi2Status none(fmi2Component c, int modes, const fmi2ValueReference vr[], size_t n, const char *what, const char *type)
 {
-    instance *fmu = c;
+    instance *fmu = (instance *)c;
     fmi2Status status = in_order(fmu, modes, fmi2Discard, what);
     if (status != fmi2OK || n == 0) return status;
     return vr ? no_such(fmu, what, vr[0], type) : refuse(fmu, what, "a null pointer was passed");
@@ -577,7 +577,7 @@ FMI2_Export fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     if (!*state && !(*state = malloc(fmu_state_size(fmu)))) return error(fmu, __func__, "out of memory");
-    fmu_state_save(fmu, *state);
+    fmu_state_save(fmu, (char *)*state);
     return fmi2OK;
 }
 
@@ -585,10 +585,10 @@ FMI2_Export fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
-    const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
+    const char *why = fmu_state_refusal(fmu, (const char *)state, fmu_state_size(fmu));
     if (why) return refuse(fmu, __func__, why);
     fmu->derivatives_ready = 0;
-    return fmu_state_restore(fmu, state) == TS_OK ? fmi2OK : error(fmu, __func__, ts_message(fmu->sim));
+    return fmu_state_restore(fmu, (const char *)state) == TS_OK ? fmi2OK : error(fmu, __func__, ts_message(fmu->sim));
 }
 
 FMI2_Export fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
@@ -605,7 +605,7 @@ FMI2_Export fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate 
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(size);
-    const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
+    const char *why = fmu_state_refusal(fmu, (const char *)state, fmu_state_size(fmu));
     if (why) return refuse(fmu, __func__, why);
     *size = fmu_state_size(fmu);
     return fmi2OK;
@@ -616,7 +616,7 @@ FMI2_Export fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(bytes);
-    const char *why = fmu_state_refusal(fmu, state, fmu_state_size(fmu));
+    const char *why = fmu_state_refusal(fmu, (const char *)state, fmu_state_size(fmu));
     if (why) return refuse(fmu, __func__, why);
     if (size < fmu_state_size(fmu)) return refuse(fmu, __func__, "the vector is too short; ask fmi2SerializedFMUstateSize");
     memcpy(bytes, state, fmu_state_size(fmu));
@@ -630,7 +630,7 @@ FMI2_Export fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b
     REQUIRE_POINTER(state);
     const char *why = fmu_state_refusal(fmu, bytes, size);
     if (why) return refuse(fmu, __func__, why);
-    char *copy = malloc(size);
+    char *copy = (char *)malloc(size);
     if (!copy) return error(fmu, __func__, "out of memory");
     memcpy(copy, bytes, size);
     *state = copy;

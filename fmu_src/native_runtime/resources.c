@@ -62,7 +62,7 @@ static FILE *open_file(const char *path)
 {
 #if defined(_WIN32)
     int n = MultiByteToWideChar(CP_UTF8, 0, path, -1, NULL, 0);
-    wchar_t *wide = malloc(sizeof *wide * (size_t)(n > 0 ? n : 1));
+    wchar_t *wide = (wchar_t *)malloc(sizeof *wide * (size_t)(n > 0 ? n : 1));
     FILE *file = NULL;
     if (wide && n > 0 && MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, n)) file = _wfopen(wide, L"rb");
     free(wide);
@@ -77,7 +77,7 @@ static char *read_all(FILE *file, size_t *size)
     long length = -1;
     if (!fseek(file, 0, SEEK_END)) length = ftell(file);
     if (length < 0 || fseek(file, 0, SEEK_SET)) return NULL;
-    char *bytes = malloc((size_t)length + 1);
+    char *bytes = (char *)malloc((size_t)length + 1);
     if (!bytes) return NULL;
     *size = fread(bytes, 1, (size_t)length, file);
     if (*size == (size_t)length) return bytes;
@@ -87,7 +87,7 @@ static char *read_all(FILE *file, size_t *size)
 
 char *fmu_resource(const char *location, const char *name, size_t *size, char *message, size_t capacity)
 {
-    char *path = malloc(strlen(location) + strlen(name) + 2), *bytes = NULL;
+    char *path = (char *)malloc(strlen(location) + strlen(name) + 2), *bytes = NULL;
     if (!path) {
         snprintf(message, capacity, "out of memory");
         return NULL;

@@ -25,7 +25,7 @@ int variables_read(variable_table *table, char *bytes, size_t size)
     table->low = (const double *)(bytes + at);
     table->high = table->low + count;
     table->settable = (const int32_t *)(table->high + count);
-    table->name = malloc(sizeof *table->name * (texts + 1));
+    table->name = (const char **)malloc(sizeof *table->name * (texts + 1));
     if (!table->name) return 0;
     const char *text = (const char *)(table->settable + count), *end = bytes + size;
     for (size_t i = 0; i <= texts; i++) {

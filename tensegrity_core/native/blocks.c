@@ -13,6 +13,7 @@
  *
  * All indices are the caller's row numbers, so that right-hand sides need no permutation. */
 #include "blocks.h"
+#include "pairs.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -51,9 +52,9 @@ static int graph_make(graph *g, const ts_pattern *p)
     memset(g, 0, sizeof *g);
     g->n = p->n;
     g->capacity = 2 * (size_t)p->count;
-    g->at = malloc(n * sizeof *g->at);
-    g->length = calloc(9 * n, sizeof *g->length);
-    g->pool = malloc(g->capacity * sizeof *g->pool);
+    g->at = (size_t *)malloc(n * sizeof *g->at);
+    g->length = (int32_t *)calloc(9 * n, sizeof *g->length);
+    g->pool = (int32_t *)malloc(g->capacity * sizeof *g->pool);
     if (!g->at || !g->length || !g->pool) return 0;
     g->room = g->length + n;
     g->degree = g->room + n;
@@ -79,7 +80,7 @@ static int graph_append(graph *g, int32_t i, int32_t j)
         size_t room = 2 * (size_t)g->length[i] + 4;
         if (g->used + room > g->capacity) {
             size_t capacity = 2 * (g->used + room);
-            int32_t *pool = realloc(g->pool, capacity * sizeof *pool);
+            int32_t *pool = (int32_t *)realloc(g->pool, capacity * sizeof *pool);
             if (!pool) return 0;
             g->pool = pool;
             g->capacity = capacity;
@@ -197,7 +198,7 @@ static int32_t graph_eliminate(graph *g)
 static int32_t *matrix_rows(ts_pattern *p, const int32_t *couples, size_t couple_count)
 {
     size_t n = (size_t)p->n, most = n + 2 * couple_count;
-    int32_t *row = calloc(3 * n + 2 + 2 * most, sizeof *row);
+    int32_t *row = (int32_t *)calloc(3 * n + 2 + 2 * most, sizeof *row);
     if (!row) return NULL;
     int32_t *first = row + n + 1, *next = first + n + 1, *raw = next + n, *column = raw + most;
     for (size_t c = 0; c < 2 * couple_count; c++) first[couples[c] + 1]++;
@@ -231,7 +232,7 @@ typedef struct {
 static int layout_make(layout *a, ts_pattern *p)
 {
     size_t n = (size_t)p->n, count = (size_t)p->count, entries = (size_t)p->entries;
-    a->row = malloc((5 * n + 2 + 2 * entries) * sizeof *a->row);
+    a->row = (int32_t *)malloc((5 * n + 2 + 2 * entries) * sizeof *a->row);
     if (!a->row) return 0;
     a->order = a->row + n + 1;
     a->diagonal = a->order + n;
@@ -350,36 +351,20 @@ size_t ts_pattern_factor_size(const ts_pattern *p)
  * then processors hand them on without waiting for the memory.  D is a constant once the functions below are inlined.
  * Arrays of the pattern are taken into local variables because the compiler must assume that a store changes the pattern. */
 
-#define ALWAYS_INLINE static inline __attribute__((always_inline))
-
-typedef double pair __attribute__((vector_size(16)));
-
 typedef struct {
     pair p;
     double t;
 } triple;
 
-ALWAYS_INLINE pair load_pair(const double *x)
-{
-    pair p;
-    memcpy(&p, x, sizeof p);
-    return p;
-}
-
-ALWAYS_INLINE void store_pair(double *x, pair p)
-{
-    memcpy(x, &p, sizeof p);
-}
-
 ALWAYS_INLINE triple load(const double *x, const int D)
 {
-    triple v = {load_pair(x), D == 3 ? x[2] : 0.0};
+    triple v = {pair_load(x), D == 3 ? x[2] : 0.0};
     return v;
 }
 
 ALWAYS_INLINE void store(double *x, triple v, const int D)
 {
-    store_pair(x, v.p);
+    pair_store(x, v.p);
     if (D == 3) x[2] = v.t;
 }
 
@@ -390,16 +375,16 @@ ALWAYS_INLINE void store(double *x, triple v, const int D)
 /* C -= A B, where a holds the numbers of A twice each.  Pairs first and single numbers last: that takes fewer registers. */
 ALWAYS_INLINE void subtract_product(const pair *a, const double *B, double *C, const int D)
 {
-    pair b0 = load_pair(B), b1 = load_pair(B + D), b2 = D == 3 ? load_pair(B + 6) : b0;
+    pair b0 = pair_load(B), b1 = pair_load(B + D), b2 = D == 3 ? pair_load(B + 6) : b0;
     for (int i = 0; i < D; i++) {
-        pair sum = a[i * D] * b0 + a[i * D + 1] * b1;
-        if (D == 3) sum += a[i * D + 2] * b2;
-        store_pair(C + i * D, load_pair(C + i * D) - sum);
+        pair sum = pair_add_product(pair_multiply(a[i * D], b0), a[i * D + 1], b1);
+        if (D == 3) sum = pair_add_product(sum, a[i * D + 2], b2);
+        pair_store(C + i * D, pair_subtract(pair_load(C + i * D), sum));
     }
     if (D == 2) return;
     double t0 = B[2], t1 = B[5], t2 = B[8];
     for (int i = 0; i < D; i++)
-        C[i * D + 2] -= a[i * D][0] * t0 + a[i * D + 1][0] * t1 + a[i * D + 2][0] * t2;
+        C[i * D + 2] -= pair_first(a[i * D]) * t0 + pair_first(a[i * D + 1]) * t1 + pair_first(a[i * D + 2]) * t2;
 }
 
 /* Sum of the magnitudes of a block's numbers. */
@@ -433,8 +418,8 @@ ALWAYS_INLINE double factorise2(const double *S, double *F)
         SWAP(double, s01, s11);
     }
     double e0 = 1.0 / s00, g10 = s10 * e0, h01 = s01 * e0, e1 = 1.0 / (s11 - g10 * s01);
-    store_pair(F, (pair){e0, h01});
-    store_pair(F + 2, (pair){g10, e1});
+    pair_store(F, pair_of(e0, h01));
+    pair_store(F + 2, pair_of(g10, e1));
     return P;
 }
 
@@ -462,9 +447,9 @@ ALWAYS_INLINE double factorise3(const double *S, double *F)
         SWAP(double, g10, g20);
     }
     double e1 = 1.0 / s11, g21 = s21 * e1, h12 = s12 * e1, e2 = 1.0 / (s22 - g21 * s12);
-    store_pair(F, (pair){e0, h01});
-    store_pair(F + 3, (pair){g10, e1});
-    store_pair(F + 6, (pair){g20, g21});
+    pair_store(F, pair_of(e0, h01));
+    pair_store(F + 3, pair_of(g10, e1));
+    pair_store(F + 6, pair_of(g20, g21));
     F[2] = h02, F[5] = h12, F[8] = e2;
     return P;
 }
@@ -479,26 +464,26 @@ ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, pai
 {
     for (int i = 0; i < D; i++) {
         double l0 = A[i * D], l1 = A[i * D + 1] - l0 * F[1];
-        store_pair(L + i * D, (pair){l0, l1});
-        twice[i * D] = (pair){l0, l0};
-        twice[i * D + 1] = (pair){l1, l1};
+        pair_store(L + i * D, pair_of(l0, l1));
+        twice[i * D] = pair_both(l0);
+        twice[i * D + 1] = pair_both(l1);
         if (D == 2) continue;
         double l2 = A[i * D + 2] - l0 * F[2] - l1 * F[5];
         L[i * D + 2] = l2;
-        twice[i * D + 2] = (pair){l2, l2};
+        twice[i * D + 2] = pair_both(l2);
     }
 }
 
 ALWAYS_INLINE triple scaled(double f, triple v)
 {
-    v.p *= (pair){f, f};
+    v.p = pair_multiply(v.p, pair_both(f));
     v.t *= f;
     return v;
 }
 
 ALWAYS_INLINE triple minus_scaled(triple v, double f, triple w)
 {
-    v.p -= (pair){f, f} * w.p;
+    v.p = pair_subtract_product(v.p, pair_both(f), w.p);
     v.t -= f * w.t;
     return v;
 }
@@ -519,10 +504,10 @@ ALWAYS_INLINE void divide_left(const double *A, const double *F, double P, doubl
 /* E^-1 G^-1 P v */
 ALWAYS_INLINE triple solve_lower(const double *F, double P, triple v, const int D)
 {
-    double v0 = v.p[0], v1 = v.p[1], v2 = v.t;
+    double v0 = pair_first(v.p), v1 = pair_second(v.p), v2 = v.t;
     if (P != 0.0) EXCHANGE(double, v0, v1, v2, P);
     v1 -= F[D] * v0;
-    v.p = (pair){v0, v1} * (pair){F[0], F[D + 1]};
+    v.p = pair_multiply(pair_of(v0, v1), pair_of(F[0], F[D + 1]));
     if (D == 3) v.t = (v2 - F[6] * v0 - F[7] * v1) * F[8];
     return v;
 }
@@ -530,12 +515,12 @@ ALWAYS_INLINE triple solve_lower(const double *F, double P, triple v, const int 
 /* H^-1 v */
 ALWAYS_INLINE triple solve_upper(const double *F, triple v, const int D)
 {
-    double v0 = v.p[0], v1 = v.p[1];
+    double v0 = pair_first(v.p), v1 = pair_second(v.p);
     if (D == 3) {
         v0 -= F[2] * v.t;
         v1 -= F[5] * v.t;
     }
-    v.p = (pair){v0 - F[1] * v1, v1};
+    v.p = pair_of(v0 - F[1] * v1, v1);
     return v;
 }
 
@@ -544,14 +529,14 @@ ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, double a, const doubl
                            const int given, const int D)
 {
     const int32_t *const column = p->column;
-    const pair minus_a = {-a, -a};
+    const pair minus_a = pair_both(-a);
     for (int32_t m = p->row[i], last = p->row[i + 1]; m < last; m++) {
         double *W = BLOCK(work, column[m]);
         for (int d = 0; d < D; d++) {
             triple w = load(BLOCK(Jq, m) + d * D, D);
             if (!given) {
                 triple v = load(BLOCK(Jv, m) + d * D, D);
-                w.p = minus_a * v.p - w.p;
+                w.p = pair_subtract(pair_multiply(minus_a, v.p), w.p);
                 w.t = -a * v.t - w.t;
             }
             store(W + d * D, w, D);
@@ -559,8 +544,8 @@ ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, double a, const doubl
     }
     if (given) return;
     double *own = BLOCK(work, i);
-    store_pair(own, load_pair(own) + (pair){a * a, 0.0});
-    store_pair(own + D, load_pair(own + D) + (pair){0.0, a * a});
+    pair_store(own, pair_add(pair_load(own), pair_of(a * a, 0.0)));
+    pair_store(own + D, pair_add(pair_load(own + D), pair_of(0.0, a * a)));
     if (D == 3) own[8] += a * a;
 }
 
@@ -586,7 +571,7 @@ ALWAYS_INLINE int factorise(const ts_pattern *p, double a, const double *Jq, con
 {
     const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
     const int32_t *const entry = p->entry, *const fill_first = p->fill_first, *const fill = p->fill;
-    const triple zero = {{0.0, 0.0}, 0.0};
+    const triple zero = {pair_both(0.0), 0.0};
     double *exchange = BLOCK(factor, p->entries), *work = exchange + n; /* (n) P of each row; (n) blocks */
     quality q = {1.0, 1.0};
     for (int32_t r = 0, first = 0; r < n; r++) {
@@ -632,10 +617,12 @@ typedef struct {
 
 ALWAYS_INLINE sums sums_of(triple v, const int D)
 {
-    sums s = {{{0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}}, {v.p[0], v.p[1], v.t}};
+    const double v0 = pair_first(v.p), v1 = pair_second(v.p);
+    const pair zero = pair_both(0.0);
+    sums s = {{zero, zero, zero}, {v0, v1, v.t}};
     if (D == 2) {
-        s.p[0][0] = v.p[0];
-        s.p[1][0] = v.p[1];
+        s.p[0] = pair_of(v0, 0.0);
+        s.p[1] = pair_of(v1, 0.0);
     }
     return s;
 }
@@ -644,7 +631,7 @@ ALWAYS_INLINE sums sums_of_product(const double *A, triple v, const int D)
 {
     sums s;
     for (int d = 0; d < D; d++) {
-        s.p[d] = load_pair(A + d * D) * v.p;
+        s.p[d] = pair_multiply(pair_load(A + d * D), v.p);
         if (D == 3) s.t[d] = A[d * D + 2] * v.t;
     }
     return s;
@@ -653,7 +640,7 @@ ALWAYS_INLINE sums sums_of_product(const double *A, triple v, const int D)
 ALWAYS_INLINE void sums_add(sums *s, const double *A, triple v, const int D)
 {
     for (int d = 0; d < D; d++) {
-        s->p[d] += load_pair(A + d * D) * v.p;
+        s->p[d] = pair_add_product(s->p[d], pair_load(A + d * D), v.p);
         if (D == 3) s->t[d] += A[d * D + 2] * v.t;
     }
 }
@@ -661,17 +648,18 @@ ALWAYS_INLINE void sums_add(sums *s, const double *A, triple v, const int D)
 ALWAYS_INLINE void sums_subtract(sums *s, const double *A, triple v, const int D)
 {
     for (int d = 0; d < D; d++) {
-        s->p[d] -= load_pair(A + d * D) * v.p;
+        s->p[d] = pair_subtract_product(s->p[d], pair_load(A + d * D), v.p);
         if (D == 3) s->t[d] -= A[d * D + 2] * v.t;
     }
 }
 
 ALWAYS_INLINE triple sums_total(const sums *s, const int D)
 {
-    triple v = {(pair){s->p[0][0], s->p[1][0]} + (pair){s->p[0][1], s->p[1][1]}, 0.0};
+    const pair p = s->p[0], q = s->p[1];
+    triple v = {pair_add(pair_of(pair_first(p), pair_first(q)), pair_of(pair_second(p), pair_second(q))), 0.0};
     if (D == 3) {
-        v.p += (pair){s->t[0], s->t[1]};
-        v.t = s->p[2][0] + s->p[2][1] + s->t[2];
+        v.p = pair_add(v.p, pair_of(s->t[0], s->t[1]));
+        v.t = pair_first(s->p[2]) + pair_second(s->p[2]) + s->t[2];
     }
     return v;
 }

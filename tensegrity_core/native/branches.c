@@ -18,7 +18,7 @@ ts_rise ts_branch_rise(ts_graph *g, const ts_branch *b)
 {
     const ts_state *s = g->states + b->state;
     int fold = b->kind == TS_FOLD_ABOVE ? 1 : -1;
-    return (ts_rise){g->part, s->at, g->on_rise, b->u[0], b->u[1], 1.0 / g->k, fold, g->n, s->leader};
+    return MAKE(ts_rise){g->part, s->at, g->on_rise, b->u[0], b->u[1], 1.0 / g->k, fold, g->n, s->leader};
 }
 
 double ts_parts_total(const ts_graph *g, const double *u)
@@ -73,9 +73,18 @@ void ts_branch_end(ts_graph *g, ts_branch *b, int side)
     }
 }
 
+ts_branch ts_branch_of(int32_t state, int32_t kind)
+{
+    ts_branch b;
+    memset(&b, 0, sizeof b);
+    b.state = state;
+    b.kind = kind;
+    return b;
+}
+
 int ts_branch_add(ts_graph *g, ts_branch b)
 {
-    ts_branch *more = realloc(g->branches, sizeof *more * ((size_t)g->branch_count + 1));
+    ts_branch *more = (ts_branch *)realloc(g->branches, sizeof *more * ((size_t)g->branch_count + 1));
     if (!more) {
         g->reason = "out of memory";
         return -1;
@@ -172,7 +181,9 @@ static void explore_falling(ts_graph *g, int32_t index)
     bounds(g, s, &least, &most);
     if (on->force[1] > most || on->force[0] < least) return;
     int cause0 = TS_BOUND, cause1 = TS_BOUND, open = 0;
-    ts_branch all = {.state = index, .kind = TS_GRADED, .T = {fmin(most, on->force[0]), fmax(least, on->force[1])}};
+    ts_branch all = ts_branch_of(index, TS_GRADED);
+    all.T[0] = fmin(most, on->force[0]);
+    all.T[1] = fmax(least, on->force[1]);
     if (most < on->force[0]) a = ts_law_inverse(lead, s->at[s->leader], most, a);
     if (least > on->force[1]) {
         b = ts_law_inverse(lead, s->at[s->leader], least, a);
@@ -183,7 +194,7 @@ static void explore_falling(ts_graph *g, int32_t index)
         add_falling(g, all, a, TS_BOUND, b, TS_ENDLESS);
         return;
     }
-    ts_rise r = {g->part, s->at, g->on_rise, a, b, 1.0 / g->k, 0.0, g->n, s->leader};
+    ts_rise r = {g->part, s->at, g->on_rise, a, b, 1.0 / g->k, 0, g->n, s->leader};
     for (int i = 0; i <= SCAN; i++) {
         double t = fmin(fmax((double)i / SCAN, 0.003), 0.997), u = a + (b - a) * t * t * (3.0 - 2.0 * t);
         double now = stability(&r, u);
@@ -214,7 +225,9 @@ static void explore_rising(ts_graph *g, int32_t index)
     ts_state *s = g->states + index;
     double least, most;
     bounds(g, s, &least, &most);
-    ts_branch b = {.state = index, .kind = TS_GRADED, .T = {least, most}};
+    ts_branch b = ts_branch_of(index, TS_GRADED);
+    b.T[0] = least;
+    b.T[1] = most;
     b.cause[0] = least == 0.0 ? TS_ZERO : TS_BOUND;
     b.cause[1] = most < INFINITY ? TS_BOUND : TS_ENDLESS;
     if (!(most < INFINITY)) b.kind = s->leader < 0 ? TS_STRAIGHT : TS_OPEN; /* straight: all are at their stops */
@@ -237,8 +250,8 @@ static int32_t find_state(ts_graph *g, const int32_t *at)
     size_t bytes = sizeof *at * (size_t)g->n;
     for (int32_t i = 0; i < g->state_count; i++)
         if (!memcmp(g->states[i].at, at, bytes)) return i;
-    ts_state *more = realloc(g->states, sizeof *more * ((size_t)g->state_count + 1));
-    int32_t *own = malloc(bytes);
+    ts_state *more = (ts_state *)realloc(g->states, sizeof *more * ((size_t)g->state_count + 1));
+    int32_t *own = (int32_t *)malloc(bytes);
     if (more) g->states = more;
     if (!more || !own) {
         free(own);
@@ -253,7 +266,7 @@ static int32_t find_state(ts_graph *g, const int32_t *at)
         if (leader < 0 || (falls && !falling)) leader = j;
         falling += falls;
     }
-    more[g->state_count] = (ts_state){own, leader, g->branch_count, 0};
+    more[g->state_count] = MAKE(ts_state){own, leader, g->branch_count, 0};
     int32_t index = g->state_count++;
     if (falling == 1) explore_falling(g, index);
     else if (falling == 0) explore_rising(g, index);

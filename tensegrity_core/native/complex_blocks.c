@@ -6,11 +6,10 @@
  * are summed apart and swapped once.  Each further product then costs two multiplications and two additions of pairs, which
  * is the least there is, and a's two pairs serve a whole row of b. */
 #include "complex_blocks.h"
+#include "pairs.h"
 
 #include <math.h>
 #include <string.h>
-
-#define ALWAYS_INLINE static inline __attribute__((always_inline))
 
 /* Largest growth times loss, see accept_pivot().  It is measured with sums of |re| and |im| over a block, which come to up to
  * five times the condition: systems are accepted up to a condition of 1e13, where rounding of 1e-16 leaves three digits. */
@@ -20,63 +19,33 @@
 #define LEAST 1e-290
 #define MOST 1e290
 
-typedef double pair __attribute__((vector_size(16)));
-typedef int64_t bits __attribute__((vector_size(16)));
-
 /* A complex number ready to be the first factor of products. */
 typedef struct {
     pair re, im; /* (re, re), (im, -im) */
 } factor_pair;
 
-ALWAYS_INLINE pair load(const double *x)
-{
-    pair p;
-    memcpy(&p, x, sizeof p);
-    return p;
-}
-
-ALWAYS_INLINE void store(double *x, pair p)
-{
-    memcpy(x, &p, sizeof p);
-}
-
-ALWAYS_INLINE pair swap(pair a)
-{
-    return (pair){a[1], a[0]};
-}
-
-/* (a.re, -a.im) */
-ALWAYS_INLINE pair conjugate(pair a)
-{
-    return (pair)((bits)a ^ (bits){0, INT64_MIN});
-}
-
 ALWAYS_INLINE factor_pair spread(pair a)
 {
-    return (factor_pair){{a[0], a[0]}, conjugate((pair){a[1], a[1]})};
+    const factor_pair f = {pair_both(pair_first(a)), pair_conjugate(pair_both(pair_second(a)))};
+    return f;
 }
 
 ALWAYS_INLINE pair times(factor_pair a, pair b)
 {
-    return a.re * b + swap(a.im * b);
+    return pair_add(pair_multiply(a.re, b), pair_swap(pair_multiply(a.im, b)));
 }
 
 /* b - a c */
 ALWAYS_INLINE pair minus_times(pair b, factor_pair a, pair c)
 {
-    return b - times(a, c);
+    return pair_subtract(b, times(a, c));
 }
 
 /* |a|^2, twice. */
 ALWAYS_INLINE pair squared_magnitude(pair a)
 {
-    pair squares = a * a;
-    return squares + swap(squares);
-}
-
-ALWAYS_INLINE pair absolute(pair a)
-{
-    return (pair)((bits)a & (bits){INT64_MAX, INT64_MAX});
+    pair squares = pair_multiply(a, a);
+    return pair_add(squares, pair_swap(squares));
 }
 
 /* First double of block i of an array of blocks, of number i of a block, of block row i of a vector. */
@@ -88,17 +57,18 @@ ALWAYS_INLINE pair absolute(pair a)
 ALWAYS_INLINE void subtract_product(const factor_pair *a, const double *B, double *C, const int D)
 {
     pair b[9];
-    for (int d = 0; d < D * D; d++) b[d] = load(NUMBER(B, d));
+    for (int d = 0; d < D * D; d++) b[d] = pair_load(NUMBER(B, d));
     for (int i = 0; i < D; i++) {
         const factor_pair *row = a + i * D;
         for (int j = 0; j < D; j++) {
             double *c = NUMBER(C, i * D + j);
-            pair re = row[0].re * b[j] + row[1].re * b[D + j], im = row[0].im * b[j] + row[1].im * b[D + j];
+            pair re = pair_add_product(pair_multiply(row[0].re, b[j]), row[1].re, b[D + j]);
+            pair im = pair_add_product(pair_multiply(row[0].im, b[j]), row[1].im, b[D + j]);
             if (D == 3) {
-                re += row[2].re * b[6 + j];
-                im += row[2].im * b[6 + j];
+                re = pair_add_product(re, row[2].re, b[6 + j]);
+                im = pair_add_product(im, row[2].im, b[6 + j]);
             }
-            store(c, load(c) - (re + swap(im)));
+            pair_store(c, pair_subtract(pair_load(c), pair_add(re, pair_swap(im))));
         }
     }
 }
@@ -106,14 +76,14 @@ ALWAYS_INLINE void subtract_product(const factor_pair *a, const double *B, doubl
 /* Sum of the magnitudes of all real and imaginary parts of a block. */
 ALWAYS_INLINE double magnitude(const double *A, const int D)
 {
-    pair even = absolute(load(A)), odd = absolute(load(NUMBER(A, 1)));
+    pair even = pair_absolute(pair_load(A)), odd = pair_absolute(pair_load(NUMBER(A, 1)));
     for (int d = 2; d + 1 < D * D; d += 2) {
-        even += absolute(load(NUMBER(A, d)));
-        odd += absolute(load(NUMBER(A, d + 1)));
+        even = pair_add(even, pair_absolute(pair_load(NUMBER(A, d))));
+        odd = pair_add(odd, pair_absolute(pair_load(NUMBER(A, d + 1))));
     }
-    if (D == 3) even += absolute(load(NUMBER(A, 8)));
-    even += odd;
-    return even[0] + even[1];
+    if (D == 3) even = pair_add(even, pair_absolute(pair_load(NUMBER(A, 8))));
+    even = pair_add(even, odd);
+    return pair_first(even) + pair_second(even);
 }
 
 /* |re| + |im| */
@@ -124,16 +94,16 @@ ALWAYS_INLINE double size_of(const double *x)
 
 ALWAYS_INLINE double size_of_pair(pair a)
 {
-    pair sizes = absolute(a);
-    return sizes[0] + sizes[1];
+    pair sizes = pair_absolute(a);
+    return pair_first(sizes) + pair_second(sizes);
 }
 
 /* 1 / a; not a number where squares may have overflowed or lost digits. */
 ALWAYS_INLINE pair reciprocal(pair a)
 {
     pair squared = squared_magnitude(a);
-    if (!(squared[0] >= LEAST && squared[0] <= MOST)) squared[0] = squared[1] = NAN;
-    return conjugate(a) / squared;
+    if (!(pair_first(squared) >= LEAST && pair_first(squared) <= MOST)) squared = pair_both(NAN);
+    return pair_divide(pair_conjugate(a), squared);
 }
 
 /* A diagonal block S is kept as P S = G E H in one block F: the numbers of G below the diagonal, E^-1 on it, those of H
@@ -145,13 +115,13 @@ ALWAYS_INLINE int factorise2(const double *S, double *F)
 {
     const int P = size_of(NUMBER(S, 2)) > size_of(S);
     const double *S0 = S + 4 * P, *S1 = S + 4 * (1 - P);
-    pair s01 = load(NUMBER(S0, 1)), e0 = reciprocal(load(S0));
+    pair s01 = pair_load(NUMBER(S0, 1)), e0 = reciprocal(pair_load(S0));
     factor_pair e = spread(e0);
-    pair g10 = times(e, load(S1));
-    store(F, e0);
-    store(NUMBER(F, 1), times(e, s01));
-    store(NUMBER(F, 2), g10);
-    store(NUMBER(F, 3), reciprocal(minus_times(load(NUMBER(S1, 1)), spread(g10), s01)));
+    pair g10 = times(e, pair_load(S1));
+    pair_store(F, e0);
+    pair_store(NUMBER(F, 1), times(e, s01));
+    pair_store(NUMBER(F, 2), g10);
+    pair_store(NUMBER(F, 3), reciprocal(minus_times(pair_load(NUMBER(S1, 1)), spread(g10), s01)));
     return P;
 }
 
@@ -162,15 +132,15 @@ ALWAYS_INLINE int factorise3_from(const double *S, double *F, const int first, c
 {
     const double *S0 = NUMBER(S, 3 * first), *S1 = NUMBER(S, 3 * second), *S2 = NUMBER(S, 3 * third);
     int P = first;
-    pair s01 = load(NUMBER(S0, 1)), s02 = load(NUMBER(S0, 2)), e0 = reciprocal(load(S0));
+    pair s01 = pair_load(NUMBER(S0, 1)), s02 = pair_load(NUMBER(S0, 2)), e0 = reciprocal(pair_load(S0));
     factor_pair e = spread(e0);
-    pair g10 = times(e, load(S1)), g20 = times(e, load(S2));
+    pair g10 = times(e, pair_load(S1)), g20 = times(e, pair_load(S2));
     factor_pair g1 = spread(g10), g2 = spread(g20);
-    pair s11 = minus_times(load(NUMBER(S1, 1)), g1, s01), s12 = minus_times(load(NUMBER(S1, 2)), g1, s02);
-    pair s21 = minus_times(load(NUMBER(S2, 1)), g2, s01), s22 = minus_times(load(NUMBER(S2, 2)), g2, s02);
-    store(F, e0);
-    store(NUMBER(F, 1), times(e, s01));
-    store(NUMBER(F, 2), times(e, s02));
+    pair s11 = minus_times(pair_load(NUMBER(S1, 1)), g1, s01), s12 = minus_times(pair_load(NUMBER(S1, 2)), g1, s02);
+    pair s21 = minus_times(pair_load(NUMBER(S2, 1)), g2, s01), s22 = minus_times(pair_load(NUMBER(S2, 2)), g2, s02);
+    pair_store(F, e0);
+    pair_store(NUMBER(F, 1), times(e, s01));
+    pair_store(NUMBER(F, 2), times(e, s02));
     if (size_of_pair(s21) > size_of_pair(s11)) {
         P += 3;
         SWAP(s11, s21);
@@ -180,12 +150,12 @@ ALWAYS_INLINE int factorise3_from(const double *S, double *F, const int first, c
     pair e1 = reciprocal(s11);
     e = spread(e1);
     pair g21 = times(e, s21);
-    store(NUMBER(F, 3), g10);
-    store(NUMBER(F, 4), e1);
-    store(NUMBER(F, 5), times(e, s12));
-    store(NUMBER(F, 6), g20);
-    store(NUMBER(F, 7), g21);
-    store(NUMBER(F, 8), reciprocal(minus_times(s22, spread(g21), s12)));
+    pair_store(NUMBER(F, 3), g10);
+    pair_store(NUMBER(F, 4), e1);
+    pair_store(NUMBER(F, 5), times(e, s12));
+    pair_store(NUMBER(F, 6), g20);
+    pair_store(NUMBER(F, 7), g21);
+    pair_store(NUMBER(F, 8), reciprocal(minus_times(s22, spread(g21), s12)));
     return P;
 }
 
@@ -200,28 +170,29 @@ ALWAYS_INLINE int factorise3(const double *S, double *F)
 /* Sum of the magnitudes of E^-1. */
 ALWAYS_INLINE double inverse_magnitude(const double *F, const int D)
 {
-    pair sum = absolute(load(F)) + absolute(load(NUMBER(F, D + 1)));
-    if (D == 3) sum += absolute(load(NUMBER(F, 8)));
-    return sum[0] + sum[1];
+    pair sum = pair_add(pair_absolute(pair_load(F)), pair_absolute(pair_load(NUMBER(F, D + 1))));
+    if (D == 3) sum = pair_add(sum, pair_absolute(pair_load(NUMBER(F, 8))));
+    return pair_first(sum) + pair_second(sum);
 }
 
 /* L = A H^-1, and its numbers spread. */
 ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, factor_pair *spreaded, const int D)
 {
-    pair h01 = load(NUMBER(F, 1)), h02 = h01, h12 = h01;
-    if (D == 3) h02 = load(NUMBER(F, 2)), h12 = load(NUMBER(F, 5));
+    pair h01 = pair_load(NUMBER(F, 1)), h02 = h01, h12 = h01;
+    if (D == 3) h02 = pair_load(NUMBER(F, 2)), h12 = pair_load(NUMBER(F, 5));
     for (int i = 0; i < D; i++, A += 2 * D, L += 2 * D, spreaded += D) {
-        pair l0 = load(A);
+        pair l0 = pair_load(A);
         factor_pair f0 = spread(l0);
-        pair l1 = minus_times(load(NUMBER(A, 1)), f0, h01);
+        pair l1 = minus_times(pair_load(NUMBER(A, 1)), f0, h01);
         factor_pair f1 = spread(l1);
-        store(L, l0);
-        store(NUMBER(L, 1), l1);
+        pair_store(L, l0);
+        pair_store(NUMBER(L, 1), l1);
         spreaded[0] = f0;
         spreaded[1] = f1;
         if (D == 2) continue;
-        pair l2 = load(NUMBER(A, 2)) - (f0.re * h02 + f1.re * h12) - swap(f0.im * h02 + f1.im * h12);
-        store(NUMBER(L, 2), l2);
+        pair re = pair_add_product(pair_multiply(f0.re, h02), f1.re, h12), im = pair_add_product(pair_multiply(f0.im, h02), f1.im, h12);
+        pair l2 = pair_subtract(pair_subtract(pair_load(NUMBER(A, 2)), re), pair_swap(im));
+        pair_store(NUMBER(L, 2), l2);
         spreaded[2] = spread(l2);
     }
 }
@@ -231,13 +202,15 @@ ALWAYS_INLINE void divide_left(const double *A, const factor_pair *f, int P, dou
 {
     const double *A0 = A + 2 * D * exchanged[P][0], *A1 = A + 2 * D * exchanged[P][1], *A2 = A + 2 * D * exchanged[P][2];
     for (int j = 0; j < D; j++) {
-        pair r0 = load(NUMBER(A0, j)), r1 = load(NUMBER(A1, j)), r2 = D == 3 ? load(NUMBER(A2, j)) : r1;
+        pair r0 = pair_load(NUMBER(A0, j)), r1 = pair_load(NUMBER(A1, j)), r2 = D == 3 ? pair_load(NUMBER(A2, j)) : r1;
         r1 = minus_times(r1, f[D], r0);
-        store(NUMBER(B, j), times(f[0], r0));
-        store(NUMBER(B, D + j), times(f[D + 1], r1));
+        pair_store(NUMBER(B, j), times(f[0], r0));
+        pair_store(NUMBER(B, D + j), times(f[D + 1], r1));
         if (D == 2) continue;
-        r2 -= (f[6].re * r0 + f[7].re * r1) + swap(f[6].im * r0 + f[7].im * r1);
-        store(NUMBER(B, 6 + j), times(f[8], r2));
+        pair re = pair_add_product(pair_multiply(f[6].re, r0), f[7].re, r1);
+        pair im = pair_add_product(pair_multiply(f[6].im, r0), f[7].im, r1);
+        r2 = pair_subtract(r2, pair_add(re, pair_swap(im)));
+        pair_store(NUMBER(B, 6 + j), times(f[8], r2));
     }
 }
 
@@ -246,14 +219,16 @@ ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, pair mu, const double
                            const int D)
 {
     const int32_t *const column = p->column;
+    const pair minus_mu = pair_of(-pair_first(mu), -pair_second(mu));
     for (int32_t m = p->row[i], last = p->row[i + 1]; m < last; m++) {
         double *W = BLOCK(work, column[m]);
         const double *q = Jq + (size_t)m * (size_t)(D * D), *v = Jv + (size_t)m * (size_t)(D * D);
-        for (int d = 0; d < D * D; d++) store(NUMBER(W, d), -mu * (pair){v[d], v[d]} - (pair){q[d], 0.0});
+        for (int d = 0; d < D * D; d++)
+            pair_store(NUMBER(W, d), pair_subtract(pair_multiply(minus_mu, pair_both(v[d])), pair_of(q[d], 0.0)));
     }
     pair square = times(spread(mu), mu);
     double *own = BLOCK(work, i);
-    for (int d = 0; d < D; d++) store(NUMBER(own, d * (D + 1)), load(NUMBER(own, d * (D + 1))) + square);
+    for (int d = 0; d < D; d++) pair_store(NUMBER(own, d * (D + 1)), pair_add(pair_load(NUMBER(own, d * (D + 1))), square));
 }
 
 /* What rounding can spoil, as in blocks.c: by how much numbers in a pivot's place exceed what the matrix has there (growth),
@@ -282,7 +257,7 @@ ALWAYS_INLINE int factorise(const ts_pattern *p, pair mu, const double *Jq, cons
         double *S = BLOCK(work, i), *F = BLOCK(factor, middle);
         factor_pair spreaded[9];
         for (int32_t f = fill_first[r]; f < fill_first[r + 1]; f++)
-            for (int d = 0; d < D * D; d++) store(NUMBER(BLOCK(work, fill[f]), d), (pair){0.0, 0.0});
+            for (int d = 0; d < D * D; d++) pair_store(NUMBER(BLOCK(work, fill[f]), d), pair_both(0.0));
         scatter(p, i, mu, Jq, Jv, work, D);
         const double initial = magnitude(S, D);
         double largest = initial;
@@ -297,7 +272,7 @@ ALWAYS_INLINE int factorise(const ts_pattern *p, pair mu, const double *Jq, cons
         const int P = D == 2 ? factorise2(S, F) : factorise3(S, F);
         if (!accept_pivot(&q, initial, largest, inverse_magnitude(F, D))) return 0;
         exchange[i] = P;
-        for (int d = 0; d < D * D; d++) spreaded[d] = spread(load(NUMBER(F, d)));
+        for (int d = 0; d < D * D; d++) spreaded[d] = spread(pair_load(NUMBER(F, d)));
         for (int32_t e = first; e < middle; e++) divide_left(BLOCK(factor, e), spreaded, P, BLOCK(factor, e), D);
         for (int32_t e = middle + 1; e < last; e++) divide_left(BLOCK(work, entry[e]), spreaded, P, BLOCK(factor, e), D);
         first = last;
@@ -312,7 +287,7 @@ size_t ts_complex_factor_size(const ts_pattern *p)
 
 int ts_complex_factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor)
 {
-    const pair mu = {re, im};
+    const pair mu = pair_of(re, im);
     return p->D == 2 ? factorise(p, mu, Jq, Jv, factor, 2) : factorise(p, mu, Jq, Jv, factor, 3);
 }
 
@@ -324,22 +299,22 @@ typedef struct {
 /* s = E^-1 G^-1 P v */
 ALWAYS_INLINE void start_lower(sums *s, const double *F, int P, const double *v, const int D)
 {
-    pair v0 = load(NUMBER(v, exchanged[P][0]));
-    pair v1 = minus_times(load(NUMBER(v, exchanged[P][1])), spread(load(NUMBER(F, D))), v0);
-    s->re[0] = times(spread(load(F)), v0);
-    s->re[1] = times(spread(load(NUMBER(F, D + 1))), v1);
-    s->im[0] = s->im[1] = s->im[2] = s->re[2] = (pair){0.0, 0.0};
+    pair v0 = pair_load(NUMBER(v, exchanged[P][0]));
+    pair v1 = minus_times(pair_load(NUMBER(v, exchanged[P][1])), spread(pair_load(NUMBER(F, D))), v0);
+    s->re[0] = times(spread(pair_load(F)), v0);
+    s->re[1] = times(spread(pair_load(NUMBER(F, D + 1))), v1);
+    s->im[0] = s->im[1] = s->im[2] = s->re[2] = pair_both(0.0);
     if (D == 2) return;
-    pair v2 = minus_times(load(NUMBER(v, exchanged[P][2])), spread(load(NUMBER(F, 6))), v0);
-    s->re[2] = times(spread(load(NUMBER(F, 8))), minus_times(v2, spread(load(NUMBER(F, 7))), v1));
+    pair v2 = minus_times(pair_load(NUMBER(v, exchanged[P][2])), spread(pair_load(NUMBER(F, 6))), v0);
+    s->re[2] = times(spread(pair_load(NUMBER(F, 8))), minus_times(v2, spread(pair_load(NUMBER(F, 7))), v1));
 }
 
 /* s = v */
 ALWAYS_INLINE void start_upper(sums *s, const double *v, const int D)
 {
     for (int d = 0; d < D; d++) {
-        s->re[d] = load(NUMBER(v, d));
-        s->im[d] = (pair){0.0, 0.0};
+        s->re[d] = pair_load(NUMBER(v, d));
+        s->im[d] = pair_both(0.0);
     }
 }
 
@@ -347,18 +322,18 @@ ALWAYS_INLINE void start_upper(sums *s, const double *v, const int D)
 ALWAYS_INLINE void subtract(sums *s, const double *A, const double *v, const int D)
 {
     for (int j = 0; j < D; j++) {
-        factor_pair x = spread(load(NUMBER(v, j)));
+        factor_pair x = spread(pair_load(NUMBER(v, j)));
         for (int d = 0; d < D; d++) {
-            pair a = load(NUMBER(A, d * D + j));
-            s->re[d] -= a * x.re;
-            s->im[d] -= a * x.im;
+            pair a = pair_load(NUMBER(A, d * D + j));
+            s->re[d] = pair_subtract_product(s->re[d], a, x.re);
+            s->im[d] = pair_subtract_product(s->im[d], a, x.im);
         }
     }
 }
 
 ALWAYS_INLINE pair total(const sums *s, int d)
 {
-    return s->re[d] + swap(s->im[d]);
+    return pair_add(s->re[d], pair_swap(s->im[d]));
 }
 
 /* v = H^-1 s */
@@ -367,12 +342,12 @@ ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *v, const
     pair v0 = total(s, 0), v1 = total(s, 1);
     if (D == 3) {
         pair v2 = total(s, 2);
-        v1 = minus_times(v1, spread(load(NUMBER(F, 5))), v2);
-        v0 = minus_times(v0, spread(load(NUMBER(F, 2))), v2);
-        store(NUMBER(v, 2), v2);
+        v1 = minus_times(v1, spread(pair_load(NUMBER(F, 5))), v2);
+        v0 = minus_times(v0, spread(pair_load(NUMBER(F, 2))), v2);
+        pair_store(NUMBER(v, 2), v2);
     }
-    store(v, minus_times(v0, spread(load(NUMBER(F, 1))), v1));
-    store(NUMBER(v, 1), v1);
+    pair_store(v, minus_times(v0, spread(pair_load(NUMBER(F, 1))), v1));
+    pair_store(NUMBER(v, 1), v1);
 }
 
 ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
@@ -386,7 +361,7 @@ ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, c
         double *v = PART(b, i);
         start_lower(&s, BLOCK(factor, middle), (int)exchange[i], v, D);
         for (; e < middle; e++) subtract(&s, BLOCK(factor, e), PART(b, entry[e]), D);
-        for (int d = 0; d < D; d++) store(NUMBER(v, d), total(&s, d));
+        for (int d = 0; d < D; d++) pair_store(NUMBER(v, d), total(&s, d));
         e = end[i];
     }
     for (int32_t r = n; r-- > 0;) {

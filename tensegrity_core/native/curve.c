@@ -13,6 +13,18 @@
 
 #define LEAST_ROOT 1e-3 /* of a piece's largest s: slopes are those at least that far from its fold */
 
+/* A piece of which all else is 0. */
+ts_piece ts_piece_of(int kind, double lo, double hi, int snapped)
+{
+    ts_piece p;
+    memset(&p, 0, sizeof p);
+    p.kind = kind;
+    p.lo = lo;
+    p.hi = hi;
+    p.snapped = snapped;
+    return p;
+}
+
 double ts_polynomial(const double *c, double t)
 {
     double f = c[TS_DEGREE];

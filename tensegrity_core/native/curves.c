@@ -46,10 +46,10 @@ static int same_curve(const ts_sim *sim, const double *key, int i, int j)
 static const char *plain_curve(ts_curve *c)
 {
     memset(c, 0, sizeof *c);
-    c->piece = calloc(2, sizeof *c->piece);
+    c->piece = (ts_piece *)calloc(2, sizeof *c->piece);
     if (!c->piece) return "out of memory";
-    c->piece[0] = (ts_piece){.kind = TS_SLACK, .lo = -INFINITY};
-    c->piece[1] = (ts_piece){.kind = TS_STRAIGHT, .hi = INFINITY};
+    c->piece[0] = ts_piece_of(TS_SLACK, -INFINITY, 0.0, 0);
+    c->piece[1] = ts_piece_of(TS_STRAIGHT, 0.0, INFINITY, 0);
     c->pieces = 2;
     ts_curve_chain(c);
     return NULL;
@@ -57,7 +57,7 @@ static const char *plain_curve(ts_curve *c)
 
 static const char *beams_with_memory(ts_curve *c, int n, const double *Q, const double *zeta, const double *h, double stiffness)
 {
-    ts_law *part = calloc((size_t)n, sizeof *part);
+    ts_law *part = (ts_law *)calloc((size_t)n, sizeof *part);
     const char *reason = part ? NULL : "out of memory";
     for (int j = 0; j < n && !reason; j++) {
         double energy = 0.0;
@@ -84,7 +84,8 @@ static const char *element_curve(ts_curve *c, const ts_model *m, int i, double s
         free(part);
         return reason;
     }
-    ts_law law = {0};
+    ts_law law;
+    memset(&law, 0, sizeof law);
     ts_law_compile(&law, m, first, second);
     reason = law.reason ? law.reason : ts_law_curve(c, &law);
     ts_law_free(&law);
@@ -145,7 +146,8 @@ const char *ts_dampers_build(ts_sim *sim)
     const ts_model *m = &sim->m;
     for (int n = 0; n < m->damped_count; n++) {
         int i = m->damped[n];
-        ts_law law = {0};
+        ts_law law;
+        memset(&law, 0, sizeof law);
         ts_law_compile(&law, m, m->damper[2 * i], m->damper[2 * i + 1]);
         const char *reason = law.reason ? law.reason : ts_law_curve(sim->damping + i, &law);
         ts_law_free(&law);

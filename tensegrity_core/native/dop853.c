@@ -80,8 +80,8 @@ static void accept(ts_sim *sim, double tau, double h)
 static void densify(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
-    double *restrict c = sim->cont;
-    const double *restrict y = sim->y, *restrict y1 = sim->y1, *restrict f0 = sim->f0, *restrict f1 = sim->f1;
+    double *RESTRICT c = sim->cont;
+    const double *RESTRICT y = sim->y, *RESTRICT y1 = sim->y1, *RESTRICT f0 = sim->f0, *RESTRICT f1 = sim->f1;
     STAGE(13);
     STAGE(14);
     STAGE(15);

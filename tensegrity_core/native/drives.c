@@ -238,7 +238,7 @@ static motor motor_of(const ts_sim *sim, double tau, int a, double *push_rate)
     double current = held(sim, sim->m.at[TS_CURRENT] + a, tau, &current_rate);
     double load = held(sim, sim->m.at[TS_DRUM_LOAD] + a, tau, &load_rate);
     *push_rate = per_current * current_rate - load_rate;
-    return (motor){per_current * current - load, value(sim, TS_MOTOR_DAMPING, a) / (r * r)};
+    return MAKE(motor){per_current * current - load, value(sim, TS_MOTOR_DAMPING, a) / (r * r)};
 }
 
 /* Forces on the actuators' blocks. */

@@ -58,7 +58,7 @@ static void note(ts_sim *sim, double tau, int i, int piece, double loss)
     if (before == after && !(loss > 0.0)) return;
     if (sim->transition_count < TS_MAX_TRANSITIONS)
         sim->transitions[sim->transition_count] =
-            (ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
+            MAKE(ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
     sim->transition_count++;
     memory->stats[TS_TRANSITIONS]++;
 }

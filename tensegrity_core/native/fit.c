@@ -44,7 +44,7 @@ double ts_fit_row(double (*force)(void *, double), void *law, double a, double w
 /* A straight piece that begins with `force`; of one without end the subinterval is a power of two, which changes no digits. */
 const char *ts_fit_line(ts_piece *p, double **table, int32_t *rows, double force, double k)
 {
-    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)), w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
+    double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)), w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
     if (!more) return "out of memory";
     *table = more;
     memset(more + TS_ROW * *rows, 0, sizeof(double) * TS_ROW);
@@ -64,7 +64,7 @@ static const char *fit_fold(ts_piece *p, double **table, int32_t *rows, double (
     double last = INFINITY, range = sqrt(p->hi - p->lo);
     for (p->rows = 1;; p->rows *= 2) {
         double worst = 0.0, w = range / p->rows;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+        double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
         if (!more) return "out of memory";
         *table = more;
         for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, more + TS_ROW * (*rows + i)));
@@ -116,7 +116,7 @@ static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double
     }
     if (p->each > MOST_EACH) p->each = MOST_EACH, p->octaves[0] = p->octaves[1] = 20; /* as good as it gets */
     p->rows = p->each * (p->octaves[0] + p->octaves[1]);
-    double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+    double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
     if (!more) return "out of memory";
     *table = more;
     p->first = *rows;
@@ -145,7 +145,7 @@ const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*for
     for (p->each = 1;; p->each *= 2) {
         double worst = 0.0, begin;
         p->rows = p->each * TS_OCTAVES;
-        double *more = realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+        double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
         if (!more) return "out of memory";
         *table = more;
         for (int i = 0; i < p->rows; i++) {

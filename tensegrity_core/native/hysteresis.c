@@ -44,13 +44,17 @@ static int32_t slack_branch(ts_graph *g, int way)
         for (int j = 0; j < g->n; j++) apart = fmax(apart, fabs(g->branches[i].slack[j] - g->v[j]));
         if (apart <= TS_NEAR * g->length) return i;
     }
-    double *own = malloc(sizeof *own * (size_t)g->n);
+    double *own = (double *)malloc(sizeof *own * (size_t)g->n);
     if (!own) {
         g->reason = "out of memory";
         return -1;
     }
     memcpy(own, g->v, sizeof *own * (size_t)g->n);
-    ts_branch b = {.state = -1, .kind = TS_SLACK, .cause = {TS_ENDLESS, TS_BOUND}, .x = {-INFINITY, 0.0}, .slack = own};
+    ts_branch b = ts_branch_of(-1, TS_SLACK);
+    b.cause[0] = TS_ENDLESS;
+    b.cause[1] = TS_BOUND;
+    b.slack = own;
+    b.x[0] = -INFINITY;
     b.x[1] = ts_parts_total(g, own);
     int32_t index = ts_branch_add(g, b);
     if (index < 0) free(own);
@@ -282,7 +286,7 @@ static void make_piece(ts_graph *g, ts_piece *p, ts_branch *b)
     int side = b->state < 0;
     ts_branch_end(g, b, side);
     double force = b->T[side], start = ts_parts_energy(g, b->x[side], g->u);
-    *p = (ts_piece){.kind = b->kind, .snapped = snapped_on(g, b), .lo = b->x[0], .hi = b->x[1]};
+    *p = ts_piece_of(b->kind, b->x[0], b->x[1], snapped_on(g, b));
     p->force = force;
     p->energy = start;
     if (b->kind == TS_SLACK || b->kind == TS_STRAIGHT) return;
@@ -302,11 +306,11 @@ static void search(ts_graph *g)
     memset(g->v, 0, sizeof(double) * (size_t)g->n);
     piece_of(g, slack_branch(g, -1));
     for (int32_t i = 0; i < g->c->pieces && !g->reason; i++) {
-        double loss[2];
+        double loss[2] = {0.0, 0.0};
         int32_t up = follow(g, g->reached[i], 1, loss + 1), down = g->reason ? -1 : follow(g, g->reached[i], -1, loss);
         up = piece_of(g, up);
         down = piece_of(g, down);
-        ts_piece *more = realloc(g->c->piece, sizeof *more * (size_t)(g->c->pieces + 1));
+        ts_piece *more = (ts_piece *)realloc(g->c->piece, sizeof *more * (size_t)(g->c->pieces + 1));
         if (!more) {
             g->reason = "out of memory";
             return;
@@ -334,12 +338,17 @@ static void free_graph(ts_graph *g)
 /* The curve of n parts in series with memory; a reason why there is none, or NULL. */
 const char *ts_hysteresis(ts_curve *c, const ts_law *part, int n, double stiffness)
 {
-    ts_graph g = {.c = c, .part = part, .n = n, .k = stiffness};
+    ts_graph g;
+    memset(&g, 0, sizeof g);
+    g.c = c;
+    g.part = part;
+    g.n = n;
+    g.k = stiffness;
     memset(c, 0, sizeof *c);
     c->branches = 1;
-    g.reached = malloc(sizeof *g.reached * TS_MOST_PIECES);
-    g.work = calloc(11 * (size_t)n, sizeof *g.work);
-    g.next = calloc(3 * (size_t)n, sizeof *g.next);
+    g.reached = (int32_t *)malloc(sizeof *g.reached * TS_MOST_PIECES);
+    g.work = (double *)calloc(11 * (size_t)n, sizeof *g.work);
+    g.next = (int32_t *)calloc(3 * (size_t)n, sizeof *g.next);
     if (!g.reached || !g.work || !g.next) g.reason = "out of memory";
     else g.u = g.work + 8 * n, g.v = g.u + n, g.on_rise = g.v + n;
     if (!(stiffness > 0.0)) g.reason = "the stiffness of a hysteretic string must be positive";

@@ -13,8 +13,8 @@
 #define ROUND_OFF (8.0 * DBL_EPSILON)
 #define FIXED_STEP 1e-3 /* s, where none is given */
 
-#define TS_METHOD(NAME, name) [TS_METHOD_##NAME] = &ts_##name,
-static const ts_method *const methods[TS_METHOD_COUNT] = {TS_METHODS(TS_METHOD)};
+#define TS_METHOD(NAME, name) &ts_##name,
+static const ts_method *const methods[TS_METHOD_COUNT] = {NULL, TS_METHODS(TS_METHOD)}; /* by TS_METHOD_..., `auto` first */
 #undef TS_METHOD
 
 int ts_fixed_step(int method) { return method != TS_METHOD_AUTO && (methods[method]->flags & TS_FIXED_STEP); }
@@ -142,7 +142,7 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
     if (method->flags & TS_ALWAYS_DENSE) make_dense(sim, method, tau, h);
     int which = -1, doubtful = 0;
     double theta = locate ? ts_first_transition(sim, method, tau, h, &which, &doubtful) : -1.0;
-    *span = (ts_span){tau, h, theta >= 0.0 ? theta : 1.0, ts_clipped_energy(sim, tau), which, sim->memory.active};
+    *span = MAKE(ts_span){tau, h, theta >= 0.0 ? theta : 1.0, ts_clipped_energy(sim, tau), which, sim->memory.active};
     return doubtful;
 }
 

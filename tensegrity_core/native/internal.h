@@ -9,6 +9,7 @@
 #include "blocks.h"
 #include "complex_blocks.h"
 #include "fields.h"
+#include "pairs.h"
 #include "tensegrity.h"
 
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
@@ -269,6 +270,7 @@ TS_METHODS(TS_METHOD)
 #undef TS_METHOD
 
 /* curve.c */
+ts_piece ts_piece_of(int kind, double lo, double hi, int snapped);
 double ts_polynomial(const double *coef, double t);
 double ts_piece_force(const ts_piece *p, const double *table, double reach, double x, double k, double *stiffness);
 double ts_piece_energy(const ts_piece *p, const double *table, double reach, double x, double k);

@@ -25,7 +25,7 @@ void ts_law_free(ts_law *law)
 /* Append a stretch; its rows are those at the table's end. */
 static void append(ts_law *law, ts_stretch stretch)
 {
-    ts_stretch *s = realloc(law->s, sizeof *s * ((size_t)law->n + 1));
+    ts_stretch *s = (ts_stretch *)realloc(law->s, sizeof *s * ((size_t)law->n + 1));
     if (!s) {
         law->reason = "out of memory";
         return;
@@ -38,7 +38,7 @@ static void append(ts_law *law, ts_stretch stretch)
 static void append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped,
                               int smooth)
 {
-    double *table = realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1));
+    double *table = (double *)realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1));
     double w = hi < INFINITY ? hi - lo : WIDE;
     if (!table) {
         law->reason = "out of memory";
@@ -47,9 +47,12 @@ static void append_polynomial(ts_law *law, double lo, double hi, const double *c
     law->table = table;
     double *row = table + TS_ROW * law->rows, power = 1.0;
     for (int k = 0; k <= TS_DEGREE; k++, power *= w) row[1 + k] = c[k] * power;
-    ts_piece p = {.kind = TS_ROWS, .rows = 1, .first = law->rows++, .snapped = snapped, .lo = lo, .hi = hi, .origin = lo,
-                  .scale = 1.0 / w};
-    append(law, (ts_stretch){p, {c[0], way ? end_force : c[0]}, way, smooth});
+    ts_piece p = ts_piece_of(TS_ROWS, lo, hi, snapped);
+    p.rows = 1;
+    p.first = law->rows++;
+    p.origin = lo;
+    p.scale = 1.0 / w;
+    append(law, MAKE(ts_stretch){p, {c[0], way ? end_force : c[0]}, way, smooth});
 }
 
 static double value(const double *c, double y)
@@ -298,7 +301,7 @@ static double sum_of(const sum *s, double u, double *slope)
 static double sum_force(void *at, double u)
 {
     double slope;
-    return sum_of(at, u, &slope);
+    return sum_of((const sum *)at, u, &slope);
 }
 
 /* Where the sum's slope changes its sign in (lo, hi), from lo, in order: between samples, by bisection. */
@@ -327,9 +330,9 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
     int n = turns_of(s, lo, hi, turns);
     for (int i = 0; i <= n && !law->reason; i++) {
         double to = i < n ? lo + turns[i] : hi, start = law->n ? law->s[law->n - 1].force[1] : 0.0, end = sum_of(s, to, &slope);
-        ts_piece p = {.kind = TS_GRADED, .snapped = snapped, .lo = from, .hi = to};
+        ts_piece p = ts_piece_of(TS_GRADED, from, to, snapped);
         law->reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
-        append(law, (ts_stretch){p, {start, end}, sign(end - start), 0});
+        append(law, MAKE(ts_stretch){p, {start, end}, sign(end - start), 0});
         from = to;
     }
 }
@@ -339,11 +342,11 @@ static void append_open_sum(ts_law *law, sum *s, double lo, int snapped, double 
 {
     double slope, force = law->n ? law->s[law->n - 1].force[1] : 0.0, beyond;
     sum_of(s, lo, &slope);
-    ts_piece p = {.snapped = snapped, .lo = lo, .hi = INFINITY};
+    ts_piece p = ts_piece_of(TS_OPEN, lo, INFINITY, snapped);
     sum_of(s, 2.0 * lo + 1e-3, &beyond);
     if (slope * beyond < 0.0) law->reason = "parts in parallel have an extremum where one of them is a series without end";
     else law->reason = ts_fit_open(&p, &law->table, &law->rows, sum_force, s, fmax(lo, 1e-3), size);
-    append(law, (ts_stretch){p, {force, beyond * INFINITY}, sign(beyond), 0});
+    append(law, MAKE(ts_stretch){p, {force, beyond * INFINITY}, sign(beyond), 0});
 }
 
 /* Is the law one polynomial on each of the stretches? */
@@ -370,7 +373,7 @@ static void append_exact_sum(ts_law *law, const sum *s, double lo, double hi, in
 /* Parts in parallel: on the united stretches, up to the first stop. */
 static void add_parallel(ts_law *law, const ts_law *part, int n)
 {
-    int32_t *at = calloc((size_t)n, sizeof *at);
+    int32_t *at = (int32_t *)calloc((size_t)n, sizeof *at);
     sum s = {part, at, n};
     double lo = 0.0, size = 0.0;
     int smooth = 0;
@@ -433,7 +436,7 @@ static void free_parts(ts_law *part, int n)
 /* The n parts of a sum, each compiled; NULL with a reason. */
 static ts_law *read_parts(program *p, int n, int depth, const char **reason)
 {
-    ts_law *part = n > 0 ? calloc((size_t)n, sizeof *part) : NULL;
+    ts_law *part = n > 0 ? (ts_law *)calloc((size_t)n, sizeof *part) : NULL;
     if (!part) *reason = n > 0 ? "out of memory" : "a force law is damaged";
     for (int j = 0; j < n && !*reason; j++) {
         compile(part + j, p, depth + 1);
@@ -511,7 +514,7 @@ static void compile(ts_law *law, program *p, int depth)
 
 static program program_at(const ts_model *m, int32_t first_int, int32_t first_double)
 {
-    return (program){m->program + first_int, m->program + m->program_ints, m->program_values + first_double,
+    return MAKE(program){m->program + first_int, m->program + m->program_ints, m->program_values + first_double,
                      m->program_values + m->program_doubles};
 }
 
@@ -557,14 +560,14 @@ const char *ts_law_curve(ts_curve *c, const ts_law *law)
 {
     size_t bytes = sizeof(double) * TS_ROW * (size_t)law->rows;
     memset(c, 0, sizeof *c);
-    c->piece = calloc((size_t)law->n + 2, sizeof *c->piece);
-    c->table = malloc(bytes + 1);
+    c->piece = (ts_piece *)calloc((size_t)law->n + 2, sizeof *c->piece);
+    c->table = (double *)malloc(bytes + 1);
     if (!c->piece || !c->table) {
         ts_curve_free(c);
         return "out of memory";
     }
     memcpy(c->table, law->table, bytes);
-    c->piece[c->pieces++] = (ts_piece){.kind = TS_SLACK, .lo = -INFINITY};
+    c->piece[c->pieces++] = ts_piece_of(TS_SLACK, -INFINITY, 0.0, 0);
     for (int i = 0; i < law->n; i++) {
         const ts_stretch *s = law->s + i;
         ts_piece *last = c->piece + c->pieces - 1;
@@ -582,7 +585,7 @@ const char *ts_law_curve(ts_curve *c, const ts_law *law)
     double stop = last->hi;
     if (stop < INFINITY) {
         double force = ts_piece_force(last, c->table, INFINITY, stop, 0.0, &slope);
-        ts_piece end = {.kind = TS_STRAIGHT, .snapped = last->snapped, .lo = stop, .hi = INFINITY};
+        ts_piece end = ts_piece_of(TS_STRAIGHT, stop, INFINITY, last->snapped);
         end.force = force;
         end.energy = energy;
         c->piece[c->pieces++] = end;

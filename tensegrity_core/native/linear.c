@@ -17,7 +17,7 @@ int ts_stage_factorise(ts_sim *sim, double a)
 void ts_stage_solve(ts_sim *sim, double a, double *U)
 {
     int nq = sim->m.nq;
-    double *restrict p = sim->lin, *restrict u = U, *restrict s = U + nq, *restrict Jvp = sim->lin + nq;
+    double *RESTRICT p = sim->lin, *RESTRICT u = U, *RESTRICT s = U + nq, *RESTRICT Jvp = sim->lin + nq;
     memcpy(p, u, sizeof(double) * (size_t)nq);
     ts_blocks_multiply(&sim->pattern, sim->Jv, p, Jvp);
     for (int i = 0; i < nq; i++) u[i] = s[i] + (a * p[i] - Jvp[i]);
@@ -35,8 +35,8 @@ int ts_pair_factorise(ts_sim *sim, int which, double a, double b)
 void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, double *Ui)
 {
     int nq = sim->m.nq;
-    double *restrict pr = sim->lin, *restrict pi = pr + nq, *restrict Jr = pi + nq, *restrict Ji = Jr + nq, *restrict u = Ji + nq;
-    double *restrict sr = Ur + nq, *restrict si = Ui + nq;
+    double *RESTRICT pr = sim->lin, *RESTRICT pi = pr + nq, *RESTRICT Jr = pi + nq, *RESTRICT Ji = Jr + nq, *RESTRICT u = Ji + nq;
+    double *RESTRICT sr = Ur + nq, *RESTRICT si = Ui + nq;
     memcpy(pr, Ur, sizeof(double) * (size_t)nq);
     memcpy(pi, Ui, sizeof(double) * (size_t)nq);
     ts_blocks_multiply(&sim->pattern, sim->Jv, pr, Jr);

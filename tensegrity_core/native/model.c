@@ -17,7 +17,7 @@
 
 uint64_t ts_fnv(const void *bytes, size_t size)
 {
-    const unsigned char *p = bytes;
+    const unsigned char *p = (const unsigned char *)bytes;
     uint64_t hash = 14695981039346656037u;
     for (size_t i = 0; i < size; i++) hash = (hash ^ p[i]) * 1099511628211u;
     return hash;
@@ -58,14 +58,15 @@ typedef struct {
     size_t used;
 } arena;
 
-static void *take(arena *a, size_t count, size_t size)
+static void take(arena *a, size_t count, size_t size, void *pointer)
 {
     size_t at = a->used;
+    void *piece = a->base ? a->base + at : NULL;
     a->used = (at + count * size + 15) & ~(size_t)15;
-    return a->base ? a->base + at : NULL;
+    memcpy(pointer, &piece, sizeof piece); /* a pointer of whatever type */
 }
 
-#define TAKE(pointer, n) ((pointer) = take(a, (size_t)(n), sizeof *(pointer)))
+#define TAKE(pointer, n) take(a, (size_t)(n), sizeof *(pointer), &(pointer))
 
 static void lay_out_arena(ts_sim *sim, arena *a)
 {
@@ -92,7 +93,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(sim->margin_low, S), TAKE(sim->margin_high, S);
     TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->rest_bend, lanes), TAKE(sim->rest_jerk, lanes);
     TAKE(sim->rest_now, lanes), TAKE(sim->rest_rate_now, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
-    TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * D * lanes), TAKE(sim->over, lanes);
+    TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * (size_t)D * lanes), TAKE(sim->over, lanes);
     TAKE(sim->gap, lanes), TAKE(sim->gap_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);
     TAKE(sim->gap_low, lanes), TAKE(sim->gap_high, lanes), TAKE(sim->node_force, N * D);
     TAKE(sim->gap0, lanes), TAKE(sim->rate0, lanes), TAKE(sim->f0, stride), TAKE(sim->ytmp, stride), TAKE(sim->err, stride);
@@ -152,8 +153,8 @@ static void list_bars(ts_model *m)
     int pinned = 0, floating = 0;
     for (int i = 0; i < m->count[TS_B]; i++) {
         int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i];
-        if (base < 0) m->floating[floating++] = (ts_place_of_bar){m->bar_centre[i], first, second, 0.5, 0.5};
-        else m->pinned[pinned++] = (ts_place_of_bar){m->bar_block[i], base, base == first ? second : first, 0.0, 1.0};
+        if (base < 0) m->floating[floating++] = MAKE(ts_place_of_bar){m->bar_centre[i], first, second, 0.5, 0.5};
+        else m->pinned[pinned++] = MAKE(ts_place_of_bar){m->bar_block[i], base, base == first ? second : first, 0.0, 1.0};
         m->block_length[m->bar_block[i]] = m->bar_length[i];
     }
 }
@@ -235,10 +236,10 @@ static void add_node(ts_model *m, int string, int node, double sign)
     for (int d = 0; d < D && m->mover[node] < 0; d++) m->s0[string * D + d] += sign * m->anchor[node * D + d];
     if (m->node_block[node] < 0) return;
     if (m->node_centre[node] >= 0) {
-        *t++ = (ts_term){m->node_centre[node] * D, m->node_centre[node], sign};
+        *t++ = MAKE(ts_term){m->node_centre[node] * D, m->node_centre[node], sign};
         m->term_count[string]++;
     }
-    *t = (ts_term){m->node_block[node] * D, m->node_block[node], sign * m->node_coef[node]};
+    *t = MAKE(ts_term){m->node_block[node] * D, m->node_block[node], sign * m->node_coef[node]};
     m->term_count[string]++;
 }
 
@@ -338,7 +339,7 @@ static const char *lay_out_matrices(ts_sim *sim)
 {
     ts_model *m = &sim->m;
     size_t D = (size_t)m->count[TS_D], count = 0;
-    int32_t *couples = malloc(2 * sizeof *couples * (10 * (size_t)m->count[TS_S] + (size_t)m->count[TS_R] + 1));
+    int32_t *couples = (int32_t *)malloc(2 * sizeof *couples * (10 * (size_t)m->count[TS_S] + (size_t)m->count[TS_R] + 1));
     if (!couples) return "out of memory";
     for (int i = 0; i < m->count[TS_S]; i++)
         for (int a = 0; a < m->term_count[i]; a++) {
@@ -353,7 +354,7 @@ static const char *lay_out_matrices(ts_sim *sim)
     if (!made) return "out of memory";
     size_t size = (size_t)sim->pattern.count * D * D;
     size_t real = ts_pattern_factor_size(&sim->pattern), complex = ts_complex_factor_size(&sim->pattern);
-    sim->matrices = calloc(2 * size + real + 2 * complex + 1, sizeof(double));
+    sim->matrices = (double *)calloc(2 * size + real + 2 * complex + 1, sizeof(double));
     if (!sim->matrices) return "out of memory";
     sim->bytes += sizeof(double) * (2 * size + real + 2 * complex);
     sim->Jq = sim->matrices;
@@ -381,7 +382,7 @@ void ts_model_free(ts_sim *sim)
 int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity)
 {
     ts_model *m = &sim->m;
-    const char *reason = read_header(sim, bytes, size);
+    const char *reason = read_header(sim, (const char *)bytes, size);
     if (!reason && !(sim->blob = malloc(size))) reason = "out of memory";
     if (!reason) {
         memcpy(sim->blob, bytes, size);
@@ -408,7 +409,7 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
             arena a = {NULL, 0};
             lay_out_arena(sim, &a);
             sim->bytes = size + a.used;
-            sim->arena = a.base = calloc(a.used + 16, 1);
+            sim->arena = a.base = (char *)calloc(a.used + 16, 1);
             a.used = 0;
             if (!a.base) reason = "out of memory";
             else {

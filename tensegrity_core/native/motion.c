@@ -153,7 +153,7 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
 /* The same component of two strings' vectors, from their ends. */
 ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1, const double *b1, int d)
 {
-    return (pair){b0[d], b1[d]} - (pair){a0[d], a1[d]};
+    return pair_subtract(pair_of(b0[d], b1[d]), pair_of(a0[d], a1[d]));
 }
 
 /* String vectors, elongations, rates, and the tensions where force curves are straight, for two strings at a time: numbers
@@ -162,28 +162,29 @@ ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const doubl
 {
     const int lanes = sim->m.lanes;
     const int32_t *ends = sim->m.ends;
-    const pair least = {1e-150, 1e-150};
+    const pair least = pair_both(1e-150);
     for (int i = 0; i < lanes; i += 2) {
         const double *a0 = x + ends[2 * i], *b0 = x + ends[2 * i + 1], *a1 = x + ends[2 * i + 2], *b1 = x + ends[2 * i + 3];
-        pair s[3], ss = {0.0, 0.0}, sv = {0.0, 0.0};
+        pair s[3], ss = pair_both(0.0), sv = ss;
         for (int d = 0; d < D; d++) {
             s[d] = between(a0, b0, a1, b1, d);
             pair sd = between(a0, b0, a1, b1, D + d);
-            put(sim->s + d * lanes + i, s[d]);
-            put(sim->sd + d * lanes + i, sd);
-            ss = d ? ss + s[d] * s[d] : s[d] * s[d];
-            sv = d ? sv + s[d] * sd : s[d] * sd;
+            pair_store(sim->s + d * lanes + i, s[d]);
+            pair_store(sim->sd + d * lanes + i, sd);
+            ss = d ? pair_add_product(ss, s[d], s[d]) : pair_multiply(s[d], s[d]);
+            sv = d ? pair_add_product(sv, s[d], sd) : pair_multiply(s[d], sd);
         }
-        pair xi = {sqrt(ss[0]), sqrt(ss[1])}, rest_rate = get(rest_rates + i);
-        pair over = 1.0 / larger(xi, least), rate = sv * over - rest_rate;
-        pair gap = xi - (get(rest + i) + rest_rate * tau), low = get(sim->gap_low + i), high = get(sim->gap_high + i);
-        put(sim->over + i, over);
-        put(sim->gap + i, gap);
-        put(sim->gap_rate + i, rate);
-        put(sim->fs + i, get(sim->k_on + i) * gap);
-        put(sim->fd + i, get(sim->d_on + i) * rate);
-        put(sim->gap_low + i, smaller(low, gap));
-        put(sim->gap_high + i, larger(high, gap));
+        pair xi = pair_of(sqrt(pair_first(ss)), sqrt(pair_second(ss))), rest_rate = pair_load(rest_rates + i);
+        pair over = pair_divide(pair_both(1.0), pair_larger(xi, least)), rate = pair_subtract(pair_multiply(sv, over), rest_rate);
+        pair gap = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
+        pair low = pair_load(sim->gap_low + i), high = pair_load(sim->gap_high + i);
+        pair_store(sim->over + i, over);
+        pair_store(sim->gap + i, gap);
+        pair_store(sim->gap_rate + i, rate);
+        pair_store(sim->fs + i, pair_multiply(pair_load(sim->k_on + i), gap));
+        pair_store(sim->fd + i, pair_multiply(pair_load(sim->d_on + i), rate));
+        pair_store(sim->gap_low + i, pair_smaller(low, gap));
+        pair_store(sim->gap_high + i, pair_larger(high, gap));
     }
 }
 
@@ -266,7 +267,7 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
 }
 
-ALWAYS_INLINE void pull(const ts_sim *sim, double *restrict force, const int D)
+ALWAYS_INLINE void pull(const ts_sim *sim, double *RESTRICT force, const int D)
 {
     const ts_model *m = &sim->m;
     const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];

@@ -83,7 +83,7 @@ typedef struct {
 
 static double force_at(void *at, double xi)
 {
-    const bracketed *b = at;
+    const bracketed *b = (const bracketed *)at;
     return rise_force(b->r, xi, b->x_lo, b->x_hi);
 }
 
@@ -94,12 +94,16 @@ static int add_piece(ts_curve *c, double start, double end, int rows, int snappe
 {
     const ts_piece *last = c->piece + c->pieces - 1;
     int first = last->first + last->rows;
-    double *table = realloc(c->table, sizeof(double) * TS_ROW * (size_t)(first + rows));
+    double *table = (double *)realloc(c->table, sizeof(double) * TS_ROW * (size_t)(first + rows));
     if (!table) return 0;
     c->table = table;
     memset(table + TS_ROW * first, 0, sizeof(double) * TS_ROW * (size_t)rows);
-    c->piece[c->pieces++] = (ts_piece){.kind = TS_ROWS, .rows = rows, .first = first, .snapped = snapped, .lo = start,
-                                       .hi = end, .origin = start, .scale = rows / (end - start)};
+    ts_piece p = ts_piece_of(TS_ROWS, start, end, snapped);
+    p.rows = rows;
+    p.first = first;
+    p.origin = start;
+    p.scale = rows / (end - start);
+    c->piece[c->pieces++] = p;
     return 1;
 }
 
@@ -189,15 +193,15 @@ int ts_nsh_curve(ts_curve *c, int n, const double *Q, const double *zeta, const 
     size_t most = 4 * (size_t)n + 4; /* pieces: a snap and a rise for each beam, a further rise for each stop, both ends */
     double force = 0.0, energy = 0.0;
     memset(c, 0, sizeof *c);
-    c->piece = calloc(most, sizeof *c->piece);
-    beam *b = malloc((size_t)n * (sizeof(beam) + 2));
+    c->piece = (ts_piece *)calloc(most, sizeof *c->piece);
+    beam *b = (beam *)malloc((size_t)n * (sizeof(beam) + 2));
     int done = c->piece && b;
     if (done) {
         rise r = {b, n, 0, (char *)(b + n), (char *)(b + n) + n};
         memset(r.snapped, 0, 2 * (size_t)n);
         sort_beams(b, n, Q, zeta, h);
         for (int i = 0; i < n; i++) force = fmax(force, 4.0 * b[i].Q);
-        c->piece[c->pieces++] = (ts_piece){.kind = TS_SLACK, .lo = -INFINITY};
+        c->piece[c->pieces++] = ts_piece_of(TS_SLACK, -INFINITY, 0.0, 0);
         done = add_all(c, &r, force);
     }
     free(b);
@@ -206,7 +210,9 @@ int ts_nsh_curve(ts_curve *c, int n, const double *Q, const double *zeta, const 
         return 0;
     }
     for (int i = 1; i < c->pieces; i++) energy = ts_piece_integrate(c->piece + i, c->table, energy);
-    ts_piece end = {.kind = TS_STRAIGHT, .snapped = n, .lo = end_of(c), .hi = INFINITY, .force = force, .energy = energy};
+    ts_piece end = ts_piece_of(TS_STRAIGHT, end_of(c), INFINITY, n);
+    end.force = force;
+    end.energy = energy;
     c->piece[c->pieces++] = end;
     ts_curve_chain(c);
     return 1;

@@ -19,8 +19,8 @@ typedef struct {
 
 static axes of_gravity(const ts_model *m)
 {
-    if (m->count[TS_V] > 1) return (axes){0, m->count[TS_D]};
-    return m->z_axis < 0 ? (axes){0, 0} : (axes){m->z_axis, m->z_axis + 1};
+    if (m->count[TS_V] > 1) return MAKE(axes){0, m->count[TS_D]};
+    return m->z_axis < 0 ? MAKE(axes){0, 0} : MAKE(axes){m->z_axis, m->z_axis + 1};
 }
 
 /* Gravitational energy (J): of bars with their point masses, each as one mass, and of the fixed nodes'. */

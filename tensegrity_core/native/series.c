@@ -36,7 +36,7 @@ double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
 /* Force of the rise at an elongation: Newton inside a shrinking bracket. */
 double ts_rise_force(void *rise, double x)
 {
-    ts_rise *r = rise;
+    ts_rise *r = (ts_rise *)rise;
     double a = r->lo, b = r->hi, f, slope, u = r->u[r->leader];
     if (!(b < INFINITY))
         for (b = fmax(2.0 * a, a + 1e-3); ts_rise_elongation(r, b, &f, &slope) < x;) b = a + 2.0 * (b - a);
@@ -75,7 +75,7 @@ static double off_fold(ts_rise *r, double u, double *slope)
 /* Force of the rise at the distance s^2 from its fold: of s = sqrt(distance) the leader's elongation is a smooth function. */
 double ts_rise_off_fold(void *rise, double s)
 {
-    ts_rise *r = rise;
+    ts_rise *r = (ts_rise *)rise;
     double fold = r->fold > 0 ? r->hi : r->lo, a = r->lo, b = r->hi, u = r->u[r->leader], f, slope;
     if (!(u > a && u < b)) u = 0.5 * (a + b);
     for (int n = 0; n < 200 && s > 0.0; n++) {
@@ -111,13 +111,13 @@ static int snapped_beams(const climb *c)
 
 static void append(ts_law *law, ts_piece p, double f0, double f1, int way, int smooth)
 {
-    ts_stretch *s = realloc(law->s, sizeof *s * ((size_t)law->n + 1));
+    ts_stretch *s = (ts_stretch *)realloc(law->s, sizeof *s * ((size_t)law->n + 1));
     if (!s) {
         law->reason = "out of memory";
         return;
     }
     law->s = s;
-    s[law->n++] = (ts_stretch){p, {f0, f1}, way, smooth};
+    s[law->n++] = MAKE(ts_stretch){p, {f0, f1}, way, smooth};
 }
 
 /* Compliance of a rise (m/N) where all its parts are straight, else 0. */
@@ -140,7 +140,7 @@ double ts_rise_straight(const ts_rise *r)
 static void append_rise(climb *c, ts_rise *r, double end, double top)
 {
     ts_law *law = c->law;
-    ts_piece p = {.kind = TS_GRADED, .snapped = snapped_beams(c), .lo = c->x, .hi = end};
+    ts_piece p = ts_piece_of(TS_GRADED, c->x, end, snapped_beams(c));
     double compliance = ts_rise_straight(r), w = fmax(c->x, 1e-3);
     const char *reason;
     if (compliance > 0.0) reason = ts_fit_line(&p, &law->table, &law->rows, c->force, 1.0 / compliance);
@@ -184,7 +184,7 @@ static void snap(climb *c, int j)
             return;
         }
         if (!done && !(end < INFINITY)) continue; /* there is no more: the loop says so */
-        double *table = realloc(c->law->table, sizeof *table * TS_ROW * ((size_t)c->law->rows + (size_t)p.rows));
+        double *table = (double *)realloc(c->law->table, sizeof *table * TS_ROW * ((size_t)c->law->rows + (size_t)p.rows));
         if (!table) {
             c->law->reason = "out of memory";
             return;
@@ -227,7 +227,7 @@ static int goes_on(const climb *c, int j)
 /* Single-valued series of parts; a reason why there is none, or NULL. */
 const char *ts_series(ts_law *law, const ts_law *part, int n)
 {
-    climb c = {law, part, calloc((size_t)n, sizeof(int32_t)), calloc((size_t)n, sizeof(double)), 0.0, 0.0, 0.0, n};
+    climb c = {law, part, (int32_t *)calloc((size_t)n, sizeof(int32_t)), (double *)calloc((size_t)n, sizeof(double)), 0.0, 0.0, 0.0, n};
     if (!c.at || !c.u) law->reason = "out of memory";
     for (int j = 0; j < n && !law->reason; j++) {
         c.size = fmax(c.size, ts_law_largest(part + j));

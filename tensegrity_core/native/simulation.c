@@ -28,7 +28,7 @@ static int build_curves(ts_sim *sim)
 
 ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity)
 {
-    ts_sim *sim = calloc(1, sizeof *sim);
+    ts_sim *sim = (ts_sim *)calloc(1, sizeof *sim);
     if (!sim) {
         snprintf(message, capacity, "out of memory");
         return NULL;
@@ -570,7 +570,7 @@ int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out,
     const ts_curve *c = sim->curve + string;
     for (int i = 0; i < c->pieces && i < capacity; i++) {
         const ts_piece *p = c->piece + i;
-        out[i] = (ts_curve_piece_info){p->lo, p->hi, p->loss_up, p->loss_down, p->up, p->down, p->snapped, p->kind == TS_SLACK};
+        out[i] = MAKE(ts_curve_piece_info){p->lo, p->hi, p->loss_up, p->loss_down, p->up, p->down, p->snapped, p->kind == TS_SLACK};
     }
     return c->pieces;
 }

@@ -5,18 +5,12 @@
 
 #include "kinematics.h"
 
-#if defined(__GNUC__)
-#define UNROLL _Pragma("GCC unroll 16")
-#else
-#define UNROLL
-#endif
-
 /* Components of a vector of n, with padding. */
 ALWAYS_INLINE int padded(int n) { return (n + TS_LANES - 1) & ~(TS_LANES - 1); }
 
 /* out = scale * sum over count rows of a_j k_j */
-ALWAYS_INLINE void sum_stages(const double *a, const int count, const double *restrict k, int stride, double scale, int n,
-                              double *restrict out)
+ALWAYS_INLINE void sum_stages(const double *a, const int count, const double *RESTRICT k, int stride, double scale, int n,
+                              double *RESTRICT out)
 {
     for (int i = 0; i < n; i++) {
         double sum = 0.0;
@@ -27,8 +21,8 @@ ALWAYS_INLINE void sum_stages(const double *a, const int count, const double *re
 }
 
 /* out = y + scale * sum over count rows of a_j k_j */
-ALWAYS_INLINE void add_stages(const double *restrict y, const double *a, const int count, const double *restrict k, int stride,
-                              double scale, int n, double *restrict out)
+ALWAYS_INLINE void add_stages(const double *RESTRICT y, const double *a, const int count, const double *RESTRICT k, int stride,
+                              double scale, int n, double *RESTRICT out)
 {
     for (int i = 0; i < n; i++) {
         double sum = 0.0;

@@ -14,8 +14,10 @@
 #define TS_API
 #elif defined(_WIN32)
 #define TS_API __declspec(dllexport)
-#else
+#elif defined(__GNUC__)
 #define TS_API __attribute__((visibility("default")))
+#else
+#define TS_API
 #endif
 
 #ifdef __cplusplus
