@@ -31,6 +31,7 @@ from stability.common import new_figure, plain, save, style, table, wrapped  # n
 
 from tensegrity_core import steady_states  # noqa: E402
 from tensegrity_core.equilibrium import Loading  # noqa: E402
+from tensegrity_core.files import write_text  # noqa: E402
 from tensegrity_core.inputs import grid, held  # noqa: E402
 from tensegrity_core.kernel import Kernel, simulate  # noqa: E402
 from tensegrity_core.modes import modes  # noqa: E402
@@ -497,11 +498,11 @@ def main(arguments: list[str] | None = None) -> None:
     if not options.redraw:
         options.output.mkdir(parents=True, exist_ok=True)
         found = json.dumps(collect(options.rounds), separators=(",", ":"))
-        data.write_text(found.replace('},"', '},\n"').replace("},{", "},\n{") + "\n", encoding="utf-8")
+        write_text(data, found.replace('},"', '},\n"').replace("},{", "},\n{") + "\n")
     result = json.loads(data.read_text(encoding="utf-8"))
     draw(result, options.output / "figures")
     text = report(result)
-    (options.output / "equilibrium-paths.md").write_text(text, encoding="utf-8")
+    write_text(options.output / "equilibrium-paths.md", text)
     print(text)
 
 

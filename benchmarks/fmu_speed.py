@@ -8,10 +8,8 @@ median over the rounds; a ratio or difference is that of two minima.
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -30,6 +28,7 @@ from fmu_src.interface import variables  # noqa: E402
 from fmu_src.native_fmu import here, pack_native_fmu  # noqa: E402
 from fmu_src.outside import Instance, Ports  # noqa: E402
 from fmu_src.pack import pack_python_fmu  # noqa: E402
+from tensegrity_core.files import scratch, write_bytes  # noqa: E402
 from tensegrity_core.kernel import Kernel  # noqa: E402
 from tensegrity_core.model import Model, to_bytes  # noqa: E402
 from tensegrity_core.native import build  # noqa: E402
@@ -110,12 +109,11 @@ def through_fmpy(native: Path, python: Path, rounds: int) -> dict:
     from fmpy import extract, read_model_description
 
     found, fmus = {"native": [], "python": []}, {"native": native, "python": python}
-    described = {name: (read_model_description(str(path)), extract(str(path))) for name, path in fmus.items()}
-    for _ in range(rounds):
-        for name, (description, folder) in described.items():
-            found[name].append(1e9 * fmpy_run(Instance(description, folder)) / FMPY_STEPS)
-    for _, folder in described.values():
-        shutil.rmtree(folder, ignore_errors=True)
+    with scratch() as folder:
+        described = {n: (read_model_description(str(fmu)), extract(str(fmu), str(folder / n))) for n, fmu in fmus.items()}
+        for _ in range(rounds):
+            for name, unpacked_fmu in described.items():
+                found[name].append(1e9 * fmpy_run(Instance(*unpacked_fmu)) / FMPY_STEPS)
     return {name: summary(values) for name, values in found.items()}
 
 
@@ -165,7 +163,7 @@ def solver_rows(model: Model, folder: Path, host: Path, rounds: int) -> list[dic
     exact = {driven: positions(Kernel(model, method="radau9", tolerance=1e-13), pushed, driven) for driven in (True, False)}
     rows = []
     for method, tolerance in SOLVERS:
-        (folder / "resources" / "model.bin").write_bytes(to_bytes(model, method=method, tolerance=tolerance))
+        write_bytes(folder / "resources" / "model.bin", to_bytes(model, method=method, tolerance=tolerance))
         found = from_c(model, folder, host, rounds)
         row = {"method": method, "tolerance": tolerance, "fmu_driven": found["fmu_driven"], "fmu_still": found["fmu_still"]}
         for driven, name in ((True, "driven_error"), (False, "still_error")):
@@ -178,8 +176,7 @@ def solver_rows(model: Model, folder: Path, host: Path, rounds: int) -> list[dic
 def measure(rounds: int) -> tuple[list[dict], list[dict]]:
     """One row per scene, and one per solver of the judged scene."""
     rows, solvers = [], []
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         host = compile_host(folder)
         for name in SCENES:
             model = build_model(load_scene(name))

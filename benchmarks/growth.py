@@ -35,6 +35,7 @@ import problems  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from stability.common import new_figure, save, style, table, wrapped  # noqa: E402
 
+from tensegrity_core.files import write_text  # noqa: E402
 from tensegrity_core.kernel import Kernel  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
 from tensegrity_core.statics import build_model  # noqa: E402
@@ -315,10 +316,10 @@ def main() -> None:
     else:
         result = collect(tuple(options.stages), options.rounds)
         options.output.mkdir(parents=True, exist_ok=True)
-        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_text(data, json.dumps(result, indent=1) + "\n")
     draw(result, options.output / "figures" / "growth")
     text = report(result)
-    (options.output / "growth.md").write_text(text, encoding="utf-8")
+    write_text(options.output / "growth.md", text)
     print(text)
 
 

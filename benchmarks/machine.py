@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy
 import scipy
 
+from tensegrity_core.files import write_text
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -72,7 +74,7 @@ def write_page(
     else:
         result = collect(options.rounds)
         options.output.mkdir(parents=True, exist_ok=True)
-        data.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_text(data, json.dumps(result, indent=1) + "\n")
     text = report(result)
-    (options.output / f"{name.replace('_', '-')}.md").write_text(text, encoding="utf-8")
+    write_text(options.output / f"{name.replace('_', '-')}.md", text)
     print(text)

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tempfile
 import time
 from collections import defaultdict
 from dataclasses import dataclass, replace
@@ -38,6 +37,7 @@ from peers import toolchain  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
 from tensegrity_core.fields import METHODS  # noqa: E402
+from tensegrity_core.files import scratch, write_bytes  # noqa: E402
 from tensegrity_core.model import Model, to_bytes  # noqa: E402
 from tensegrity_core.scene import load_scene  # noqa: E402
 from tensegrity_core.statics import build_model  # noqa: E402
@@ -105,13 +105,12 @@ def build(folder: Path) -> Path:
 
 def measure(cases: list[Subject], rounds: int) -> list[dict]:
     """One row per scene: facts, and {min, median, batches} of each time in ns."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         command = [str(build(folder)), str(rounds), ",".join(str(METHODS.index(method)) for method in STEPPED)]
         for i, case in enumerate(cases):
             model, force = folder / f"{i}.model", folder / f"{i}.force"
-            model.write_bytes(to_bytes(case.model, tolerance=TOLERANCE))
-            case.force.tofile(force)
+            write_bytes(model, to_bytes(case.model, tolerance=TOLERANCE))
+            write_bytes(force, case.force.tobytes())
             command += [str(model), str(force), repr(case.duration), case.what]
         run = subprocess.run(command, capture_output=True, text=True)
         if run.returncode:

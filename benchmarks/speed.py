@@ -8,7 +8,6 @@ kernel are interleaved, and a time is the least processor time of the rounds; th
 from __future__ import annotations
 
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from stability.common import table, wrapped  # noqa: E402
 
 from fmu_src import build as build_fmu  # noqa: E402
 from fmu_src import speed as fmu_speed  # noqa: E402
+from tensegrity_core.files import scratch  # noqa: E402
 from tensegrity_core.kernel import Kernel  # noqa: E402
 from tensegrity_core.native import build  # noqa: E402
 from tensegrity_core.scene import load_scene  # noqa: E402
@@ -77,10 +77,10 @@ def least_seconds(kernels: dict, problem: problems.Problem, rounds: int) -> dict
 def processor_rows(rounds: int) -> dict:
     """What it costs to compile for any x86-64 instead of this very processor: one ratio, interleaved."""
     problem = problems.pushed("three_bar_nsh", 500.0)
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch() as folder:
         libraries = {}
         for name, extra in {"shipped": [], "march_native": ["-march=native"]}.items():
-            target = Path(folder) / name
+            target = folder / name
             target.mkdir()
             compiler = build.system_compiler() or [sys.executable, "-m", "ziglang", "cc"]
             libraries[name] = build.compile_library(target, [*compiler, *extra])
@@ -91,10 +91,10 @@ def processor_rows(rounds: int) -> dict:
 
 def fmu_row(scene: str, step: float = 1e-3) -> dict:
     """The pythonfmu FMU of a scene through fmpy's low-level calls."""
-    with tempfile.TemporaryDirectory() as folder:
-        if build_fmu.main([scene, "--no-validate", "--output", folder]):
+    with scratch() as folder:
+        if build_fmu.main([scene, "--no-validate", "--output", str(folder)]):
             raise SystemExit(f"building the FMU of {scene} failed")
-        measured = fmu_speed.measure(Path(folder) / "python" / f"{scene}.fmu", h=step)
+        measured = fmu_speed.measure(folder / "python" / f"{scene}.fmu", h=step)
     counts = Kernel(build_model(load_scene(scene))).counts
     return {"scene": scene, "step_size": step, "time_per_step": measured.step, "real_time_factor": measured.factor,
             "inputs": counts["F"] * counts["D"] + 2 * counts["S"]}  # fmt: skip

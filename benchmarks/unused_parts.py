@@ -13,7 +13,6 @@ import io
 import subprocess
 import sys
 import tarfile
-import tempfile
 import time
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +26,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import machine  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
+from tensegrity_core.files import scratch  # noqa: E402
 from tensegrity_core.native import build  # noqa: E402
 from tensegrity_core.scene import builtin_scenes  # noqa: E402
 
@@ -100,9 +100,9 @@ def row(scene: str, task: Task, library: Path, rounds: int) -> dict:
 def collect(rounds: int) -> dict:
     """docs/unused_parts.json."""
     began, where = time.perf_counter(), machine.describe()
-    with tempfile.TemporaryDirectory() as folder:
-        before(Path(folder))
-        present = Path(folder) / "now"
+    with scratch() as folder:
+        before(folder)
+        present = folder / "now"
         present.mkdir()
         library = build.compile_library(present)
         rows = [row(scene, task, library, rounds) for scene in builtin_scenes() for task in TASKS]

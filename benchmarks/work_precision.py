@@ -23,7 +23,6 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse  # noqa: E402
 import statistics  # noqa: E402
 import sys  # noqa: E402
-import tempfile  # noqa: E402
 import time  # noqa: E402
 from dataclasses import dataclass  # noqa: E402
 from fnmatch import fnmatch  # noqa: E402
@@ -42,6 +41,8 @@ import work_precision_nsh as nsh  # noqa: E402
 import work_precision_report as report  # noqa: E402
 from peers import article, mujoco_engine, native, scipy_compiled, toolchain  # noqa: E402
 from peers.ladder import Ladder, Run, too_long  # noqa: E402
+
+from tensegrity_core.files import scratch  # noqa: E402
 
 PEERS = ("cvode", "arkode", "plain", "scipy", "article", "mujoco")
 #: Time of one turn of a fast contender, s: it repeats its run as often as fits.
@@ -179,16 +180,16 @@ def measure_all(options: argparse.Namespace) -> dict:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     began = time.perf_counter()
     result: dict = {"machine": machine.describe(), "problems": {}, "rows": []}
-    with tempfile.TemporaryDirectory() as folder:
-        tools = toolchain.build(Path(folder))
+    with scratch() as folder:
+        tools = toolchain.build(folder)
         result["machine"]["sundials"] = tools.sundials or "missing"
         for name in options.problems:
             start = time.perf_counter()
-            rows, result["problems"][name] = measure(problems.problem(name), tools, Path(folder), options)
+            rows, result["problems"][name] = measure(problems.problem(name), tools, folder, options)
             result["rows"] += rows
             print(f"{name}: {len(rows)} settings, {time.perf_counter() - start:.0f} s", flush=True)
         if set(nsh.problems_needed()) <= set(options.problems):
-            result["nsh"] = nsh.measure(tools, Path(folder), options.rounds)
+            result["nsh"] = nsh.measure(tools, folder, options.rounds)
     load = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
     result["machine"] |= {"mujoco": _version("mujoco"), "load": load}
     result["settings"] = {"rounds": options.rounds, "limit": options.limit, "quick": options.quick}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from tensegrity_core.files import write_text
+
 #: The error at which contenders are compared, m.
 TARGET = 1e-8
 #: What the rungs of a ladder have in common.  cut: tighter settings were left out because of the time limit.
@@ -33,7 +35,7 @@ def save(result: dict, path: Path) -> None:
     head = {name: value for name, value in result.items() if name != "rows"}
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(head, indent=1)[:-2] + ',\n "ladders": [\n  ' + ",\n  ".join(lines) + "\n ]\n}\n"
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def load(path: Path) -> dict:

@@ -11,6 +11,8 @@ import work_precision_targets as targets
 from stability.common import table, wrapped
 from work_precision_data import ADAPTIVE, AUTO, CVODE, OWN, PLAIN, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio, ratios
 
+from tensegrity_core.files import write_text
+
 COMMAND = "python benchmarks/work_precision.py --redraw"
 #: Errors, m, at which free flight and MuJoCo's problem are compared.
 FLIGHT, MUJOCO = 1e-7, (1e-4, 1e-6)
@@ -363,4 +365,4 @@ def page(result: dict) -> str:
 
 
 def write(result: dict, folder: Path) -> None:
-    (folder / "work-precision.md").write_text(page(result), encoding="utf-8")
+    write_text(folder / "work-precision.md", page(result))

@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
-import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +15,7 @@ import numpy as np
 import tensegrity_core
 from tensegrity_core import reference
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, Field
+from tensegrity_core.files import replacing_folder, write_text
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result
 
@@ -65,14 +63,10 @@ def write_cross_check(model: Model, folder: Path, naming: str = "structured", ca
         f"{model.name}_ref.opt": options_of(run.inputs.times),
         "ReadMe.txt": readme_of(model, run),
     }
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=place.parent) as scratch:
-        fresh = Path(scratch) / model.name
+    with replacing_folder(place) as fresh:
         pack_native_fmu(model, fresh / f"{model.name}.fmu", naming, **contents)
         for name, text in texts.items():
-            (fresh / name).write_text(text, encoding="utf-8", newline="\n")
-        shutil.rmtree(place, ignore_errors=True)
-        os.replace(fresh, place)
+            write_text(fresh / name, text)
     return place
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 import tensegrity_core
 from tensegrity_core.fields import METHODS
+from tensegrity_core.files import replacing_folder
 from tensegrity_core.model import Model, to_bytes
 from tensegrity_core.native import build
 
@@ -162,7 +163,9 @@ def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None) 
         raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang, or -e \".[cross]\"")
     say(f"compiling for {name} ...")
     try:
-        return build.compile_fmu_library(target, name)
+        with replacing_folder(target.parent) as fresh:
+            build.compile_fmu_library(fresh / target.name, name)
+        return target
     except RuntimeError as error:
         raise PackError(str(error)) from error
 

@@ -8,8 +8,8 @@ array file holds times (K+1,) in s and values (K, number of inputs).  The result
 
 import importlib.abc
 import json
+import os
 import re
-import shutil
 import sys
 import time
 
@@ -165,20 +165,17 @@ def main(job_path, result_path):
     with open(job_path, encoding="utf-8") as file:
         job = json.load(file)
     description = read_model_description(job["fmu"])
-    folder = extract(job["fmu"])
+    folder = extract(job["fmu"], unzipdir=os.path.join(os.path.dirname(result_path), "fmu"))
     result, strings = {}, []
-    try:
-        for item in job["runs"]:
-            arrays = np.load(item["arrays"])
-            instance = Instance(description, folder, item["name"], True, CATEGORIES)
-            out, names, seconds = run(instance, arrays["times"], arrays["values"], item["inputs"], item["parameters"])
-            instance.close()
-            result[f"{item['name']}/outputs"] = out
-            result[f"{item['name']}/events"] = events(instance.messages, strings)
-            result[f"{item['name']}/seconds"] = seconds
-            result["output_names"] = names
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    for item in job["runs"]:
+        arrays = np.load(item["arrays"])
+        instance = Instance(description, folder, item["name"], True, CATEGORIES)
+        out, names, seconds = run(instance, arrays["times"], arrays["values"], item["inputs"], item["parameters"])
+        instance.close()
+        result[f"{item['name']}/outputs"] = out
+        result[f"{item['name']}/events"] = events(instance.messages, strings)
+        result[f"{item['name']}/seconds"] = seconds
+        result["output_names"] = names
     loaded = [name for name in sys.modules if name.split(".")[0] in BARRED]
     if loaded:
         raise SystemExit(f"the FMU loaded {loaded} from outside")

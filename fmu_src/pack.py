@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
 import sys
-import tempfile
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -21,6 +19,7 @@ import pythonfmu
 
 import tensegrity_core
 from tensegrity_core.errors import TensegrityError
+from tensegrity_core.files import replacing
 from tensegrity_core.kernel import LIBRARY
 from tensegrity_core.model import Model, to_bytes
 
@@ -135,20 +134,13 @@ def variables_json(model: Model, table: tuple[Variable, ...], library: str, cont
 def write_zip(destination: Path, files: dict[str, bytes]) -> None:
     """Write an archive whose bytes depend on its content alone; it appears whole or not at all."""
     destination.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{destination.name}-", dir=destination.parent)
-    try:
-        with os.fdopen(handle, "wb") as raw, zipfile.ZipFile(raw, "w") as archive:
-            for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
-                entry = zipfile.ZipInfo(name, _EPOCH)
-                entry.create_system = 3
-                entry.external_attr = 0o100644 << 16
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(entry, files[name], compresslevel=6)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, destination)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with replacing(destination) as file, zipfile.ZipFile(file, "w") as archive:
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.create_system = 3
+            entry.external_attr = 0o100644 << 16
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, files[name], compresslevel=6)
 
 
 def fmi_platform() -> str:

@@ -20,6 +20,6 @@ def clone(package: Path = HERE) -> Path | None:
 
 
 def kept(package: Path = HERE) -> Path:
-    """Folder for what takes long to make and can be made anew: build/ of a clone, else in the user's cache.  It may not exist."""
+    """Folder for what takes long to make and can be made anew, which may not exist: build/ of a clone, or the user's cache."""
     root = clone(package)
     return root / "build" if root else Path(platformdirs.user_cache_dir(DISTRIBUTION, appauthor=False))

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -20,6 +18,7 @@ import numpy as np
 import scipy
 
 import tensegrity_core
+from tensegrity_core.files import write_bytes
 from tensegrity_core.inputs import Inputs
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
@@ -97,7 +96,4 @@ def _unpack(data: bytes, key: str) -> Result | None:
 
 def _write(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=".tmp-", dir=path.parent)
-    with os.fdopen(handle, "wb") as file:
-        file.write(data)
-    os.replace(temporary, path)
+    write_bytes(path, data)

@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import tensegrity_core
+from tensegrity_core.files import write_text
 
 from . import compare
 from .documentation import environment
@@ -51,9 +52,7 @@ def write_report(validation: Validation, path: Path) -> None:
         settings=[_shown(reference_settings(run.scenario, run.tight)) for run in validation.runs],
         versions=versions(),
     )
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(page, encoding="utf-8")
-    os.replace(temporary, path)
+    write_text(path, page)
 
 
 def _shown(settings: dict) -> str:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from pathlib import Path
 from typing import NamedTuple
+
+from tensegrity_core.files import scratch
 
 from .outside import Instance, Ports
 
@@ -25,12 +26,10 @@ def measure(fmu: Path, h: float = 1e-3, duration: float = 5.0, push: float = 100
     from fmpy import extract, read_model_description
 
     description = read_model_description(str(fmu))
-    folder = extract(str(fmu))
-    try:
-        steps = round(duration / h)
-        wall = min(_run(description, folder, h, steps, push) for _ in range(repeats))
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    steps = round(duration / h)
+    with scratch() as folder:
+        extract(str(fmu), unzipdir=str(folder))
+        wall = min(_run(description, str(folder), h, steps, push) for _ in range(repeats))
     return Speed(wall / steps, duration / wall)
 
 

@@ -12,7 +12,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-import tempfile
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 from tensegrity_core import kernel, reference
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.fields import layout
+from tensegrity_core.files import replacing, scratch, write_bytes, write_text
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
 
@@ -131,17 +131,17 @@ def run_outside(
     table = variables(model, naming)
     runs = scenarios(model) if runs is None else runs
     names = [row.name for row in table if row.causality == "input"]
-    with tempfile.TemporaryDirectory(prefix="fmu-outside-") as folder:
-        here = Path(folder)
+    with scratch() as here:
         script = here / "outside.py"
-        script.write_bytes((HERE / "outside.py").read_bytes())
+        write_bytes(script, (HERE / "outside.py").read_bytes())
         job = {"fmu": str(fmu.absolute()), "runs": []}
         for i, run in enumerate(runs):
-            np.savez(here / f"{i}.npz", times=run.inputs.times, values=input_values(run))
+            with replacing(here / f"{i}.npz") as file:
+                np.savez(file, times=run.inputs.times, values=input_values(run))
             parameters = {row.name: value for row, value in _changed(table, model, run.model)}
             item = {"name": run.name, "arrays": str(here / f"{i}.npz"), "inputs": names, "parameters": parameters}
             job["runs"].append(item)
-        (here / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        write_text(here / "job.json", json.dumps(job))
         command = [python, "-I", str(script), str(here / "job.json"), str(here / "result.npz")]
         try:
             done = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=TIMEOUT)

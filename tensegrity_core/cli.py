@@ -17,8 +17,9 @@ from . import statics
 from .command import Command, constant_force, model_of, no_arguments, positive, sample_times, scene_argument
 from .errors import InputError, TensegrityError
 from .experiment_command import COMMAND as EXPERIMENT
-from .export import replacing, require_writable, write_result
+from .export import require_writable, write_result
 from .fields import METHODS
+from .files import write_text
 from .inputs import Inputs, held
 from .kernel import simulate as run_kernel
 from .model import Model
@@ -142,8 +143,7 @@ def tower(arguments: argparse.Namespace) -> int:
     if not output:
         sys.stdout.write(text)
         return 0
-    with replacing(output) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(output, text)
     print(f"{3 * arguments.stages} bars written to {output}; see its equilibrium with: tensegrity check {output}")
     return 0
 

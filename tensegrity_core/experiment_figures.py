@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from .experiments import BEAM, Absorption, Actuation, Curve, Steady, Wave
-from .export import replacing
+from .files import replacing, write_text
 
 DPI = 100
 STYLE = {
@@ -183,9 +183,8 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     figure.savefig(png, dpi=DPI)
     figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
     few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    with replacing(files[0]) as temporary:
-        few.save(temporary, format="PNG", optimize=True)
-    with replacing(files[1]) as temporary:
-        text = re.sub(r"(\d\.\d\d)\d+", r"\1", svg.getvalue())
-        temporary.write_text(re.sub(r"[ \t]+$|^[ \t]+", "", text, flags=re.MULTILINE), encoding="utf-8", newline="\n")
+    with replacing(files[0]) as file:
+        few.save(file, format="PNG", optimize=True)
+    text = re.sub(r"(\d\.\d\d)\d+", r"\1", svg.getvalue())
+    write_text(files[1], re.sub(r"[ \t]+$|^[ \t]+", "", text, flags=re.MULTILINE))
     return files

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
 from .errors import InputError
+from .files import replacing, replacing_text
 from .model import Model
 from .result import Result
 
@@ -49,22 +46,20 @@ def write_result(model: Model, result: Result, path: Path) -> None:
     the components' names.  The file appears whole or not at all.  Raises InputError, see `require_writable`.
     """
     path = require_writable(path, (".csv", ".npz"))
-    with replacing(path) as temporary:
-        if path.suffix.lower() == ".csv":
-            _write_csv(columns(model, result), temporary)
-        else:
-            np.savez_compressed(temporary, **_arrays(model, result))
+    if path.suffix.lower() == ".csv":
+        write_columns(columns(model, result), path)
+        return
+    arrays = _arrays(model, result)
+    with replacing(path) as file:
+        np.savez_compressed(file, **arrays)
 
 
 def write_columns(series: dict[str, np.ndarray], path: Path) -> None:
-    """Write series of equal length as a .csv file, whole or not at all.  Raises InputError where it cannot be written."""
-    with replacing(path) as temporary:
-        _write_csv(series, temporary)
+    """Write series of equal length as a .csv file, whole or not at all.  Raises InputError where it cannot be written.
 
-
-def _write_csv(series: dict[str, np.ndarray], path: Path) -> None:
-    """Numbers as their shortest text that reads back to the same value."""
-    with open(path, "w", encoding="utf-8", newline="\n") as file:
+    Numbers are written as their shortest text that reads back to the same value.
+    """
+    with replacing_text(path) as file:
         file.write(",".join(series) + "\n")
         for row in zip(*(values.tolist() for values in series.values())):
             file.write(",".join(map(repr, row)) + "\n")
@@ -91,30 +86,3 @@ def require_writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
     if not path.parent.is_dir():
         raise InputError(f"{shown}: the folder {path.parent} does not exist; make it first")
     return path
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary file beside `path` that takes its place when the block ends well, and is removed when it does not.
-
-    Raises InputError where nothing can be written there.
-    """
-    path = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-    except OSError as failure:
-        raise _not_writable(path, failure) from failure
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    except OSError as failure:
-        raise _not_writable(path, failure) from failure
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _not_writable(path: Path, failure: OSError) -> InputError:
-    return InputError(f"output = {str(path)!r} cannot be written: {failure.strerror}; name another file")

@@ -157,6 +157,8 @@ def c_header() -> str:
 
 
 if __name__ == "__main__":
+    from importlib import import_module  # not an import statement: FMUs pack what those of this module name
     from pathlib import Path
 
-    Path(__file__).with_name("native").joinpath("fields.h").write_text(c_header(), encoding="utf-8", newline="\n")
+    files = import_module("tensegrity_core.files")
+    files.write_text(Path(__file__).with_name("native") / "fields.h", c_header())

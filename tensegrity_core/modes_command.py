@@ -11,7 +11,8 @@ from . import statics, steady_states
 from .command import Command, constant_force, model_of, scene_argument
 from .equilibrium import Loading
 from .errors import InputError
-from .export import replacing, require_writable
+from .export import require_writable
+from .files import replacing_text
 from .model import Model
 from .modes import Mode, modes
 
@@ -86,7 +87,7 @@ def _write(output: Path, model: Model, found: list[Mode]) -> None:
     places = [f"{model.node_names[i]}.{'xyz'[axis]}" for i in range(len(model.nodes)) for axis in model.axes]
     header = ["mode", "lambda.re", "lambda.im", "frequency", "natural_frequency", "damping_ratio", "decay_rate"]
     header += [f"{place}.{part}" for place in places for part in ("re", "im")]
-    with replacing(output) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
+    with replacing_text(output) as file:
         file.write(",".join(header) + "\n")
         for i, mode in enumerate(found, 1):
             shape = mode.shape[:, list(model.axes)].ravel()

@@ -13,7 +13,8 @@ from . import paths, steady_states
 from .command import Command, constant_force, model_of, scene_argument
 from .equilibrium import Loading
 from .errors import InputError
-from .export import replacing, require_writable
+from .export import require_writable
+from .files import replacing_text
 from .model import Model
 
 MOST_ROWS = 100_000
@@ -175,7 +176,7 @@ def _write(output: FilePath, loading, sweeps, behind, by_step: bool) -> None:
     legs = [(name, sweep.equations, sweep.states if by_step else [p for path in sweep.stretches for p in path.points])
             for name, sweep in sweeps.items()]
     legs += [("behind", path.equations, path.points) for path in behind]
-    with replacing(output) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
+    with replacing_text(output) as file:
         file.write(",".join(header) + "\n")
         for leg, equations, points in legs:
             for point in points:

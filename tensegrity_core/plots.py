@@ -18,7 +18,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 from .errors import InputError
-from .export import replacing, require_writable
+from .export import require_writable
+from .files import replacing
 from .model import Model
 from .result import Result
 
@@ -230,9 +231,9 @@ def write_frames(figure: Figure, path: Path, count: int, show, frames_per_second
         pictures.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB"))
     palette = _palette(pictures)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    with replacing(path) as temporary:
+    with replacing(path) as file:
         frames[0].save(
-            temporary, save_all=True, append_images=frames[1:], duration=round(1000 / frames_per_second), loop=0
+            file, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / frames_per_second), loop=0
         )
 
 
@@ -290,5 +291,5 @@ def write_figure(figure: Figure, path: Path) -> None:
     path = require_writable(path, (".png", ".svg"))
     kind = path.suffix.lower()[1:]
     metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
-    with rc_context(SAVING), replacing(path) as temporary:
-        figure.savefig(temporary, format=kind, metadata=metadata)
+    with rc_context(SAVING), replacing(path) as file:
+        figure.savefig(file, format=kind, metadata=metadata)

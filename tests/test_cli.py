@@ -10,7 +10,6 @@ from PIL import Image
 from support import scene
 
 from fmu_src.interface import variables
-from tensegrity_core import export
 from tensegrity_core.cli import end_of_run, main
 from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
@@ -186,19 +185,6 @@ def test_a_reader_that_leaves_ends_it_quietly():
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 0
-
-
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
-    path = tmp_path / "run.csv"
-    path.write_text("old")
-    with pytest.raises(ZeroDivisionError), export.replacing(path) as temporary:
-        temporary.write_text("half")
-        raise ZeroDivisionError
-    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.csv", "old")]
-    with export.replacing(path) as temporary:
-        temporary.write_text("new")
-        assert path.read_text() == "old"
-    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("run.csv", "new")]
 
 
 # --- tower -------------------------------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ b1 = { nodes = ["n1", "n2"], mass = 1.0 }
 
 
 def call(command, folder: Path, code: int = 0) -> str:
-    """What a program prints, run in a folder in which its user keeps everything.  Nothing of the tests' surroundings helps it."""
+    """What a program prints, run in a folder in which its user keeps everything; the tests' surroundings do not help it."""
     surroundings = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COV"))}
     homes = ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA", "USERPROFILE")
     surroundings |= {name: str(folder / "home") for name in homes}

@@ -25,6 +25,7 @@ from matplotlib.patches import Patch  # noqa: E402
 from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
 
 from tensegrity_core.experiments import LIFTS  # noqa: E402
+from tensegrity_core.files import write_text  # noqa: E402
 
 DAMPINGS = (50, 500, 5000)
 TITLES = {
@@ -246,11 +247,11 @@ def main() -> None:
         began, where = time.perf_counter(), machine.describe()
         data = plain({"machine": where, **measure(), "seconds": time.perf_counter() - began}, 6)
         options.output.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(data, separators=(",", ":")).replace('},"', '},\n"') + "\n", encoding="utf-8")
+        write_text(path, json.dumps(data, separators=(",", ":")).replace('},"', '},\n"') + "\n")
     with style():
         save(draw(data), options.output / "figures" / "claims")
         save(draw_sweep(data), options.output / "figures" / "claims_damping")
-    (options.output / "claims.md").write_text(report(data), encoding="utf-8")
+    write_text(options.output / "claims.md", report(data))
     print(tally(data))
 
 

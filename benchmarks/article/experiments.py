@@ -21,6 +21,7 @@ from stability.common import wrapped  # noqa: E402
 from tensegrity_core.experiment_figures import FIGURES, write_figures  # noqa: E402
 from tensegrity_core.experiments import EXPERIMENTS, SYSTEMS  # noqa: E402
 from tensegrity_core.export import write_columns  # noqa: E402
+from tensegrity_core.files import write_text  # noqa: E402
 
 #: Experiment -> title and what is done.
 SECTIONS = {
@@ -102,8 +103,8 @@ def main() -> None:
     else:
         (options.output / "figures").mkdir(parents=True, exist_ok=True)
         data = collect(options.output / "figures")
-        path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    (options.output / "experiments.md").write_text(report(data), encoding="utf-8")
+        write_text(path, json.dumps(data, indent=1) + "\n")
+    write_text(options.output / "experiments.md", report(data))
 
 
 if __name__ == "__main__":

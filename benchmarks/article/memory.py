@@ -57,6 +57,7 @@ from tensegrity_core import nsh  # noqa: E402
 from tensegrity_core.elements import Series  # noqa: E402
 from tensegrity_core.experiments import DAMPINGS, LIFTS  # noqa: E402
 from tensegrity_core.export import write_columns  # noqa: E402
+from tensegrity_core.files import write_text  # noqa: E402
 
 #: Digits of the numbers in the file: enough for the energy accounts.
 DIGITS = 12
@@ -420,13 +421,13 @@ def main(arguments: list[str] | None = None) -> None:
             rounded = {key: np.array(plain(values, DIGITS)) for key, values in columns.items()}
             write_columns(rounded, figures / f"memory_{name}.csv")
         text = json.dumps(plain(data, DIGITS), separators=(",", ":")).replace('},"', '},\n"')
-        path.write_text(text + "\n", encoding="utf-8")
+        write_text(path, text + "\n")
     data = json.loads(path.read_text(encoding="utf-8"))
     series = read_series(figures, data["series"])
     with style():
         for name, draw in FIGURES.items():
             save(draw(data, series), figures / f"memory_{name}")
-    (options.output / "memory.md").write_text(report(data, series), encoding="utf-8")
+    write_text(options.output / "memory.md", report(data, series))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ from importers import environments, page, scenario  # noqa: E402
 from importers.tools import TOOLS, Tool  # noqa: E402
 
 from fmu_src.compare import POSITION_BOUND  # noqa: E402
+from tensegrity_core.files import scratch, write_text  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
 
 BASE = ROOT / "build" / "importers"
@@ -51,10 +51,9 @@ def one(tool: Tool, fmu: Path, source: Path, expected: Expected) -> dict:
         return {"version": "", "outcome": "not installed", "why": str(missing)}
     if tool.driver is None:
         return {"version": version, "outcome": "not run", "why": "it can be installed, but has no driver here yet"}
-    with tempfile.TemporaryDirectory(prefix="importer-") as scratch:
-        folder = Path(scratch)
+    with scratch() as folder:
         told = scenario.job(expected.model, fmu, source, folder) | {"program": str(program)}
-        (folder / "job.json").write_text(json.dumps(told), encoding="utf-8")
+        write_text(folder / "job.json", json.dumps(told))
         command = [str(python), str(DRIVERS / f"{tool.driver}.py"), str(folder / "job.json"), str(folder / "result.json")]
         return {"version": version, **outcome(command, folder, libraries, expected)}
 
@@ -122,8 +121,8 @@ def main() -> None:
         data = {"machine": machine.describe(), "scenario": scenario.SHOWN, "rows": measure(chosen)}
         if options.words:
             return
-        stored.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    (ROOT / "docs" / "importers.md").write_text(page.render(data), encoding="utf-8")
+        write_text(stored, json.dumps(data, indent=1) + "\n")
+    write_text(ROOT / "docs" / "importers.md", page.render(data))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import numpy as np
 
 from problems import INSTANTS, Problem
 from tensegrity_core.fields import METHODS
+from tensegrity_core.files import write_bytes
 from tensegrity_core.model import to_bytes
 
 from .ladder import Ladder, Run, fixed_steps, tolerances, too_long
@@ -41,13 +42,13 @@ class Bench:
         self.problem, self.tools, self.folder = problem, tools, folder
         folder.mkdir(parents=True, exist_ok=True)
         self.force = folder / "force.bin"
-        self.force.write_bytes(problem.kernel_force.astype("<f8").tobytes())
+        write_bytes(self.force, problem.kernel_force.astype("<f8").tobytes())
         self.model = self._packed("model.bin")
 
     def _packed(self, name: str, **defaults) -> Path:
         path = self.folder / name
         if not path.is_file():
-            path.write_bytes(to_bytes(self.problem.model, **defaults))
+            write_bytes(path, to_bytes(self.problem.model, **defaults))
         return path
 
     def run(self, method: str, model: Path, tolerance: float, events: int, repetitions: int, limit: float) -> Run:

@@ -28,6 +28,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import machine  # noqa: E402
 
+from tensegrity_core.files import replacing, write_text  # noqa: E402
+
 DOCS = ROOT / "docs"
 DPI = 110
 TITLE = "# Stability: where methods fail\n"
@@ -91,10 +93,11 @@ def save(figure: Figure, stem: Path) -> None:
     png = io.BytesIO()
     figure.savefig(png, dpi=DPI)
     few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    few.save(stem.with_suffix(".png"), optimize=True)  # maximum coverage: a colour that is rare stays
+    with replacing(stem.with_suffix(".png")) as file:  # maximum coverage: a colour that is rare stays
+        few.save(file, "PNG", optimize=True)
     svg = io.StringIO()
     figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    stem.with_suffix(".svg").write_text(compact(svg.getvalue()), encoding="utf-8", newline="\n")
+    write_text(stem.with_suffix(".svg"), compact(svg.getvalue()))
 
 
 def compact(svg: str) -> str:
@@ -122,7 +125,7 @@ def write_section(page: Path, name: str, text: str) -> None:
     else:
         sections = "\n\n".join(part for part in (sections.rstrip("\n"), block) if part)
     page.parent.mkdir(parents=True, exist_ok=True)
-    page.write_text(TITLE + INTRODUCTION + "\n" + sections, encoding="utf-8", newline="\n")
+    write_text(page, TITLE + INTRODUCTION + "\n" + sections)
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:
@@ -192,7 +195,7 @@ def carry_out(name: str, measure: Callable, draw: Callable, section: Callable, c
         data = measure()
         data = plain({"machine": chosen.ran_on, "seconds": processor_seconds() - begun, **data})
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(data, separators=(",", ":")) + "\n", encoding="utf-8", newline="\n")
+        write_text(path, json.dumps(data, separators=(",", ":")) + "\n")
         print(f"{name}: {data['seconds']:.0f} s", flush=True)
     elif not path.is_file():
         raise SystemExit(f"--redraw: {path} is missing; run without --redraw first")

@@ -5,7 +5,6 @@ python benchmarks/stability/missed.py [--redraw]
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Callable, NamedTuple
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from peers import native, scipy_compiled, toolchain
 
+from tensegrity_core.files import scratch  # noqa: E402
 from tensegrity_core.kernel import Kernel
 
 #: The graze: a push that only just makes one string go slack, once.  DAMPING: N s/m; DURATION: s, the excursion is inside.
@@ -172,8 +172,7 @@ def measure_pushed(tools: toolchain.Tools, folder: Path) -> list[dict]:
 
 
 def measure() -> dict:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with scratch() as folder:
         tools = toolchain.build(folder)
         return {"scene": SCENE, "damping": DAMPING, "duration": DURATION, "tolerances": TOLERANCES, "sundials": tools.sundials,
                 "grazes": measure_grazes(tools, folder), "pushed": measure_pushed(tools, folder)}  # fmt: skip
