@@ -8,7 +8,8 @@
  *   run STEPS FILE       outputs (doubles) after each step of a run that is pushed by a square wave
  *   rollback             saved, serialised and restored in the middle: the rest of the run must repeat to the last bit
  *   threads N            N runs of different pushes, one after the other and then at once in N threads: the same bits
- *   cycles N             instantiate, step and free N times; prints resident kB after N/10 and after N times
+ *   cycles N             instantiate, step and free N times; prints resident kB after each tenth of them
+ *   blocks N             the same; prints how many blocks of memory are held after each tenth (compiled with COUNTED)
  *   everything           every function once or more, also called wrongly
  *   walk SEED COUNT      COUNT random calls with hostile values, then a reset, and the run of a fresh instance; prints how
  *                        often each status came, and how many steps succeeded
@@ -40,15 +41,22 @@
 #define MOST_THREADS 64
 #define MOST_STATES 8
 
-static long taken; /* calls that took memory, where they are counted */
+static long taken, given_back; /* calls that took memory, and that freed some, where they are counted */
 
 #if defined(COUNTED) /* in place of the C library's, which the FMU calls, too */
 extern void *__libc_malloc(size_t size);
 extern void *__libc_calloc(size_t n, size_t size);
 extern void *__libc_realloc(void *p, size_t size);
+extern void __libc_free(void *p);
 void *malloc(size_t size) { return taken++, __libc_malloc(size); }
 void *calloc(size_t n, size_t size) { return taken++, __libc_calloc(n, size); }
-void *realloc(void *p, size_t size) { return taken++, __libc_realloc(p, size); }
+void free(void *p) { given_back += !!p, __libc_free(p); }
+void *realloc(void *p, size_t size)
+{
+    taken++;
+    given_back += !!p; /* the block that it replaces */
+    return __libc_realloc(p, size);
+}
 #endif
 
 #define FUNCTIONS(X)                                                                                                         \
@@ -333,17 +341,19 @@ static long resident(void)
     return pages * (sysconf(_SC_PAGESIZE) / 1024);
 }
 
-static void cycles(const fmu *f, long n)
+static long held(void) { return taken - given_back; }
+
+static void cycles(const fmu *f, long n, long (*measure)(void))
 {
-    long before = 0;
     double row[1024];
-    for (long i = 0; i < n; i++) {
+    require(n >= 10 && n % 10 == 0, "a multiple of ten");
+    for (long i = 1; i <= n; i++) {
         fmi2Component c = started(f);
         run(f, c, PUSH, 0, 2, row);
         f->fmi2FreeInstance(c);
-        if (i == n / 10) before = resident();
+        if (i % (n / 10) == 0) printf("%ld ", measure());
     }
-    printf("%ld %ld\n", before, resident());
+    printf("\n");
 }
 
 /* ---- Every function ---- */
@@ -671,7 +681,8 @@ int main(int argc, char **argv)
     else if (!strcmp(command, "run")) run_to_file(f, atoi(first), second);
     else if (!strcmp(command, "rollback")) rollback(f);
     else if (!strcmp(command, "threads")) threads(f, atoi(first));
-    else if (!strcmp(command, "cycles")) cycles(f, atol(first));
+    else if (!strcmp(command, "cycles")) cycles(f, atol(first), resident);
+    else if (!strcmp(command, "blocks")) cycles(f, atol(first), held);
     else if (!strcmp(command, "everything")) everything(f);
     else if (!strcmp(command, "walk")) walk(f, strtoull(first, NULL, 10), atol(second));
     else if (!strcmp(command, "state")) state_file(f, first, second);
