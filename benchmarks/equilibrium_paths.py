@@ -173,7 +173,7 @@ def lines(case: Case, rows: list[dict]) -> dict:
         return found
 
     jumps = {
-        name: [[j.before.parameter, *(height(case, sweep.equations.nodes(p.free)) for p in (j.before, j.after)), j.kind]
+        name: [[j.parameter, *(height(case, sweep.equations.nodes(p.free)) for p in (j.before, j.after)), j.kind]
                for j in sweep.jumps]
         for name, sweep in (("up", case.up), ("back", case.back))
     }  # fmt: skip
@@ -201,7 +201,7 @@ def landings(count: int) -> dict:
             sweep = steady_states.load_sweep(loading, loads[:: int(side)], nodes)
             nodes = sweep.nodes[-1]
             for path, jump in zip(sweep.stretches, sweep.jumps):
-                small = steady_states.landing(path, jump.parameter, side)
+                small = steady_states.landing(path, jump.after.parameter, side)
                 jumps += 1
                 unlike += bool(np.abs(small.free - jump.after.free).max() > SAME)
     return {"jumps": jumps, "unlike": unlike}
@@ -226,7 +226,7 @@ def collect(rounds: int) -> dict:
         pairs = list(zip(case.up.jumps, case.carefully.jumps, strict=True))
         alike = {
             "nodes": float(np.abs(case.up.nodes - case.carefully.nodes).max()),
-            "jumps": max((abs(a.before.parameter / b.before.parameter - 1.0) for a, b in pairs), default=0.0),
+            "jumps": max((abs(a.parameter / b.parameter - 1.0) for a, b in pairs), default=0.0),
         }
         found[name] = {"seconds": seconds, "alike": alike, "states": rows, "lines": lines(case, rows)}
         print(f"{name}: sweep {1e3 * seconds['sweep']:.0f} ms, runs {1e3 * seconds['runs']:.0f} ms", file=sys.stderr)

@@ -160,7 +160,7 @@ def summary(model: Model, sweeps: dict[str, steady_states.Sweep], behind: list[p
         lines.append(f"  p = {first:g} to {last:g}: {quantity.name} from {start:z.6f} to {end:z.6f} m, {jumps}")
         for jump in sweep.jumps:
             before, after = (quantity.of(sweep.stretches[0], point) for point in (jump.before, jump.after))
-            lines.append(f"    p = {jump.before.parameter:.9g}: {before:z.6f} to {after:z.6f} m, {WHY[jump.kind]}")
+            lines.append(f"    p = {jump.parameter:.9g}: {before:z.6f} to {after:z.6f} m, {WHY[jump.kind]}")
     for path in behind:
         kinds = [f"{p.kind} at p = {p.parameter:.9g}" for p in path.points[1:] if p.kind in ("limit", "branch")]
         start, end = path.points[0].parameter, path.points[-1].parameter

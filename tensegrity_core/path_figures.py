@@ -68,9 +68,9 @@ def _draw_jump(axes: Axes, sweep: Sweep, jump: Jump, quantity: Quantity, colour:
     path = sweep.stretches[0]
     start, end = (quantity.of(path, point) for point in (jump.before, jump.after))
     style = {"arrowstyle": "->", "color": colour, "linewidth": 0.8, "linestyle": ":", "shrinkA": 0.0, "shrinkB": 0.0}
-    axes.annotate("", (end, jump.after.parameter), (start, jump.before.parameter), arrowprops=style)
+    axes.annotate("", (end, jump.after.parameter), (start, jump.parameter), arrowprops=style)
     marker = "o" if jump.kind == "limit" else "D" if jump.kind == "branch" else "s"
-    axes.plot([start], [jump.before.parameter], marker, color=colour, markersize=4.0)
+    axes.plot([start], [jump.parameter], marker, color=colour, markersize=4.0)
 
 
 def draw_behind(axes: Axes, paths: list[Path], quantity: Quantity) -> None:

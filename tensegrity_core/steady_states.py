@@ -38,7 +38,11 @@ RUN_TOLERANCE = 1e-8  # of the kernel's run under a sudden load
 
 class Jump(NamedTuple):
     """The structure left one stable path for another at a parameter: the last point before, the first after, and why
-    ('limit', 'branch', 'kink', 'loose')."""
+    ('limit', 'branch', 'kink', 'loose').
+
+    parameter: where the path's stability ends, that of `before`; `after` is found a little beyond it (`BEYOND`), and its own
+    parameter says where.
+    """
 
     parameter: float
     before: Point
@@ -127,7 +131,7 @@ def _jumped(sweep: Sweep, steps: LoadSteps | None, path: Path, side: float, way:
     """The stable state that the flow reaches from the end of a path."""
     last = path.points[-1]
     here = landing(path, last.parameter + side * BEYOND[path.end] * way, side, steps)
-    sweep.jumps.append(Jump(here.parameter, last, here, path.end))
+    sweep.jumps.append(Jump(last.parameter, last, here, path.end))
     return here
 
 
