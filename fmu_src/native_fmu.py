@@ -22,7 +22,7 @@ import numpy as np
 import tensegrity_core
 from tensegrity_core.fields import METHODS
 from tensegrity_core.files import replacing_folder
-from tensegrity_core.model import Model, to_bytes
+from tensegrity_core.model import fnv1a, Model, to_bytes
 from tensegrity_core.native import build
 
 from . import terminals
@@ -173,7 +173,8 @@ def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None) 
 def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:
     """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file.  Raises PackError."""
     table = variables(model, contents.naming)
-    files = {"resources/model.bin": to_bytes(model), "resources/variables.bin": variables_bin(model, table, "")}
+    packed = to_bytes(model)
+    files = {"resources/model.bin": packed, "resources/variables.bin": variables_bin(model, table, "", packed)}
     if (joined := terminals.terminals(model, table)) is not None:
         files[terminals.PATH] = joined
     for name, library in libraries.items():
@@ -188,7 +189,7 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         sources=compiled_of(sources),
     )
     guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming)
-    files["resources/variables.bin"] = variables_bin(model, table, guid)
+    files["resources/variables.bin"] = variables_bin(model, table, guid, packed)
     return files
 
 
@@ -222,8 +223,11 @@ def compiled_of(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(name for name in names if name.endswith(".c")))
 
 
-def variables_bin(model: Model, table: tuple[Variable, ...], guid: str) -> bytes:
-    """What the runtime must know of the variables, in the layout of native_runtime/variables.c (little-endian)."""
+def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: bytes) -> bytes:
+    """What the runtime must know of the variables, in the layout of native_runtime/variables.c (little-endian).
+
+    packed: model.bin, whose checksum goes along, so that no other one is taken for it.
+    """
     largest, table = np.finfo(float).max, by_reference(table)
     reals = sum(row.kind == "Real" for row in table)
     tolerance = next(row.reference for row in table if row.field == "tolerance")
@@ -231,10 +235,11 @@ def variables_bin(model: Model, table: tuple[Variable, ...], guid: str) -> bytes
     high = [largest if row.max is None else row.max for row in table]
     settable = [SETTABLE[row.causality if row.causality != "parameter" else row.variability] for row in table]
     texts = [guid, *(row.name for row in table), *model.string_names]
-    return (
-        b"TSVARS1\0"
-        + struct.pack("<4i", reals, len(table), len(model.string_names), tolerance)
+    body = (
+        b"TSVARS2\0"
+        + struct.pack("<4iQ", reals, len(table), len(model.string_names), tolerance, fnv1a(packed))
         + np.array([*low, *high], "<f8").tobytes()
         + np.array(settable, "<i4").tobytes()
         + b"".join(text.encode() + b"\0" for text in texts)
     )
+    return body + struct.pack("<Q", fnv1a(body))

@@ -303,7 +303,10 @@ def test_tunable_parameters_act_at_the_next_step(instance):
 
 def test_tolerance_of_the_host_and_of_the_parameter(instance):
     default = instance("two_bar").get("solver.tolerance")
-    assert instance("two_bar", tolerance=1e-6).get("solver.tolerance") == 1e-6
+    assert instance("two_bar", tolerance=1e-12).get("solver.tolerance") == 1e-12
+    loose = instance("two_bar", tolerance=1e-4)  # what hosts pass that nobody told a tolerance
+    assert loose.get("solver.tolerance") == default == 1e-10
+    assert said(loose, "tolerance 0.0001 is looser than 1e-10", "set solver.tolerance")
     assert instance("two_bar", tolerance=1e-6, parameters={"solver.tolerance": 1e-8}).get("solver.tolerance") == 1e-8
     early = instance("two_bar", started=False)
     early.set({"solver.tolerance": 1e-9})

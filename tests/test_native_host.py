@@ -16,7 +16,7 @@ from native_calls import described, library_of
 from support import scene
 
 from fmu_src.interface import variables
-from fmu_src.native_fmu import pack_native_fmu
+from fmu_src.native_fmu import pack_native_fmu, variables_bin
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import to_bytes
@@ -224,9 +224,11 @@ def test_random_calls_are_clean_under_sanitizers(name, sanitized, native_folders
 @pytest.mark.parametrize("method", range(1, 6))
 def test_every_method_is_clean_under_sanitizers(method, sanitized, native_folders, tmp_path):
     """An FMU whose model starts with the method."""
-    copy = tmp_path / "copy"
+    copy, model = tmp_path / "copy", scene("two_bar_nsh")
     shutil.copytree(native_folders["two_bar_nsh"], copy)
-    (copy / "resources" / "model.bin").write_bytes(to_bytes(scene("two_bar_nsh"), method=METHODS[method]))
+    packed = to_bytes(model, method=METHODS[method])
+    (copy / "resources" / "model.bin").write_bytes(packed)
+    (copy / "resources" / "variables.bin").write_bytes(variables_bin(model, variables(model), described(copy).guid, packed))
     for command in (("rollback",), ("threads", 2), ("cycles", 10)):
         run(sanitized, copy, *command)
 
@@ -249,8 +251,12 @@ def test_cut_resources_are_clean_under_sanitizers(file, sanitized, native_folder
     path = copy / "resources" / file
     good = path.read_bytes()
     rng = np.random.default_rng(7)
-    for size in (0, 1, 8, 23, 24, *rng.integers(25, len(good), 12).tolist()):
-        path.write_bytes(good[:size])
+    for size in (0, 1, 8, 23, 24, *rng.integers(25, len(good), 12).tolist(), None):
+        if size is None:
+            path.unlink()
+            path.mkdir()  # a folder in the file's place
+        else:
+            path.write_bytes(good[:size])
         line = [str(sanitized), *arguments(copy), "everything"]
         done = subprocess.run(line, capture_output=True, text=True)
         assert done.returncode == 1 and "fmi2Instantiate: does not hold" in done.stderr, (size, done.stderr[-2000:])

@@ -117,7 +117,7 @@ static ts_sim *load(instance *fmu, const char *location, const char *guid, char 
     char *bytes = fmu_resource(location, "variables.bin", &size, why, capacity);
     if (!bytes) return NULL;
     if (!variables_read(&fmu->table, bytes, size)) {
-        snprintf(why, capacity, "resources/variables.bin is damaged or of another version; unzip the FMU anew");
+        snprintf(why, capacity, "resources/variables.bin is damaged, cut or of another version; unzip the FMU anew");
         return NULL;
     }
     if (strcmp(guid, fmu->table.guid)) {
@@ -125,12 +125,14 @@ static ts_sim *load(instance *fmu, const char *location, const char *guid, char 
         return NULL;
     }
     if (!(bytes = fmu_resource(location, "model.bin", &size, why, capacity))) return NULL;
-    ts_sim *sim = ts_create(bytes, size, why, capacity);
+    ts_sim *sim = NULL;
+    if (fmu_checksum(FMU_CHECKSUM, bytes, size) == fmu->table.model) sim = ts_create(bytes, size, why, capacity);
+    else snprintf(why, capacity, "resources/model.bin is damaged, cut or that of another FMU; unzip this one anew");
     free(bytes);
     if (!sim) return NULL;
     int32_t reals = ts_real_count(sim), integers = ts_integer_count(sim);
     if (reals == fmu->table.reals && reals + integers == fmu->table.count) return sim;
-    snprintf(why, capacity, "resources/model.bin is that of another FMU; unzip this one anew");
+    snprintf(why, capacity, "the library in binaries/ is of another version than resources/; unzip the FMU anew");
     ts_free(sim);
     return NULL;
 }
@@ -146,13 +148,6 @@ static void release(instance *fmu)
 }
 
 FMI2_Export void fmi2FreeInstance(fmi2Component c) { release((instance *)c); }
-
-static uint64_t hash(const char *text)
-{
-    uint64_t value = 14695981039346656037u;
-    while (*text) value = (value ^ (unsigned char)*text++) * 1099511628211u;
-    return value;
-}
 
 FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
                                           const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
@@ -182,7 +177,8 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     }
     fmu->values = ts_values(fmu->sim);
     fmu->integers = ts_integers(fmu->sim);
-    fmu->identity = hash(fmu->table.guid);
+    fmu->tolerance = fmu->values[fmu->table.tolerance];
+    fmu->identity = fmu_checksum(FMU_CHECKSUM, fmu->table.guid, strlen(fmu->table.guid));
     to_instantiated(fmu);
     return fmu;
 }
@@ -190,6 +186,24 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
 static int accepts(const variable_table *t, int32_t reference, double value)
 {
     return t->low[reference] <= value && value <= t->high[reference]; /* false for NaN */
+}
+
+/* A host's tolerance may tighten the FMU's own and not loosen it: hosts that pass a default of theirs, often 1e-4, would lose the
+ * promised accuracy unasked.  fmi2OK with a message, since some hosts take fmi2Warning here for a failure. */
+static void take_tolerance(instance *fmu, const char *what, double tolerance)
+{
+    int32_t place = fmu->table.tolerance;
+    char given[32], own[32];
+    fmu_number(tolerance, given);
+    if (!accepts(&fmu->table, place, tolerance)) {
+        fmu_log(fmu, LOG_WARNING, fmi2Warning, "%s: the tolerance %s is out of range: ignored", what, given);
+        return;
+    }
+    fmu->values[place] = tolerance < fmu->tolerance ? tolerance : fmu->tolerance;
+    if (tolerance <= fmu->tolerance) return;
+    const char *form = "%s: the tolerance %s is looser than %s, which the promised accuracy needs and which is used; to loosen it, "
+                       "set solver.tolerance";
+    fmu_log(fmu, LOG_WARNING, fmi2Warning, form, what, given, fmu_number(fmu->tolerance, own));
 }
 
 FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
@@ -201,16 +215,8 @@ FMI2_Export fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranc
     fmu->start = fmu->time = start;
     fmu->stop = stop;
     fmu->stop_defined = stop_defined != 0;
-    if (!tolerance_defined || fmu->tolerance_set) return fmi2OK;
-    int32_t place = fmu->table.tolerance;
-    if (accepts(&fmu->table, place, tolerance)) {
-        fmu->values[place] = tolerance;
-        return fmi2OK;
-    }
-    char text[32];
-    fmu_number(tolerance, text);
-    fmu_log(fmu, LOG_WARNING, fmi2Warning, "%s: the tolerance %s is out of range: ignored", __func__, text);
-    return fmi2Warning;
+    if (tolerance_defined && !fmu->tolerance_set) take_tolerance(fmu, __func__, tolerance);
+    return fmi2OK;
 }
 
 FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c)

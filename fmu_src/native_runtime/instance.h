@@ -29,6 +29,7 @@ typedef struct {
     int32_t reals, count, strings;
     int32_t tolerance; /* reference of solver.tolerance */
     int32_t gaps;      /* some references have no variable: their names are empty */
+    uint64_t model;    /* checksum of model.bin */
     const double *low, *high;  /* (count) values that are accepted */
     const int32_t *settable;   /* (count) modes in which a value may be set, as bits */
     const char **name;         /* (count + strings) owned: of variables, then of strings */
@@ -46,6 +47,7 @@ typedef struct {
     int32_t derivatives_ready;
     int log[LOG_CATEGORIES];
     uint64_t identity;  /* of the FMU, from its GUID: saved states are bound to it */
+    double tolerance;   /* the FMU's own, which keeps its promise; a host's may be tighter */
 
     /* saved with the FMU state */
     int32_t mode;
@@ -64,7 +66,11 @@ extern const char *const fmu_categories[LOG_CATEGORIES];
 /* resources.c: the whole of a file in the resources, malloc'ed; NULL with the reason in message. */
 char *fmu_resource(const char *location, const char *file, size_t *size, char *message, size_t capacity);
 
-/* variables.c */
+/* checksum.c: of bytes, going on from another sum; FMU_CHECKSUM begins one. */
+#define FMU_CHECKSUM 14695981039346656037u
+uint64_t fmu_checksum(uint64_t sum, const char *bytes, size_t size);
+
+/* variables.c: 0 where the bytes are damaged, cut or of another version. */
 int variables_read(variable_table *table, char *bytes, size_t size);
 void variables_free(variable_table *table);
 

@@ -9,6 +9,9 @@
 #include <windows.h>
 #endif
 
+/* No resource is larger; of a folder, the C library may say anything. */
+#define MOST 0x3fffffffL
+
 static int hex(char c)
 {
     if (c >= '0' && c <= '9') return c - '0';
@@ -76,7 +79,7 @@ static char *read_all(FILE *file, size_t *size)
 {
     long length = -1;
     if (!fseek(file, 0, SEEK_END)) length = ftell(file);
-    if (length < 0 || fseek(file, 0, SEEK_SET)) return NULL;
+    if (length < 0 || length > MOST || fseek(file, 0, SEEK_SET)) return NULL;
     char *bytes = (char *)malloc((size_t)length + 1);
     if (!bytes) return NULL;
     *size = fread(bytes, 1, (size_t)length, file);

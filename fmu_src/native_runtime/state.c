@@ -13,16 +13,10 @@ typedef struct {
     uint64_t checksum; /* of the head with this field 0 and of the kernel's bytes, which follow */
 } head;
 
-static uint64_t fnv(uint64_t hash, const char *bytes, size_t size)
-{
-    for (size_t i = 0; i < size; i++) hash = (hash ^ (unsigned char)bytes[i]) * 1099511628211u;
-    return hash;
-}
-
 static uint64_t checksum(head h, const char *kernel, size_t size)
 {
     h.checksum = 0;
-    return fnv(fnv(14695981039346656037u, (const char *)&h, sizeof h), kernel, size);
+    return fmu_checksum(fmu_checksum(FMU_CHECKSUM, (const char *)&h, sizeof h), kernel, size);
 }
 
 size_t fmu_state_size(const instance *fmu) { return sizeof(head) + ts_state_size(fmu->sim); }

@@ -4,18 +4,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAGIC "TSVARS1"
+#define MAGIC "TSVARS2"
 
-/* magic[8], int32 reals, count, strings, tolerance, then low, high (doubles), settable (int32), then texts that end with 0:
- * GUID, names of variables, names of strings. */
+/* magic[8], int32 reals, count, strings, tolerance, checksum of model.bin (uint64), then low, high (doubles), settable (int32),
+ * then texts that end with 0: GUID, names of variables, names of strings; at the end the checksum of all that (uint64). */
 int variables_read(variable_table *table, char *bytes, size_t size)
 {
     int32_t head[4];
+    uint64_t sum;
     memset(table, 0, sizeof *table);
     table->bytes = bytes;
-    if (size < 8 + sizeof head || memcmp(bytes, MAGIC, 8) || bytes[size - 1]) return 0;
+    if (size < 8 + sizeof head + 2 * sizeof sum) return 0;
+    size -= sizeof sum;
+    memcpy(&sum, bytes + size, sizeof sum);
+    if (memcmp(bytes, MAGIC, 8) || fmu_checksum(FMU_CHECKSUM, bytes, size) != sum || bytes[size - 1]) return 0;
     memcpy(head, bytes + 8, sizeof head);
-    size_t count = (size_t)head[1], texts = count + (size_t)head[2], at = 8 + sizeof head;
+    memcpy(&table->model, bytes + 8 + sizeof head, sizeof table->model);
+    size_t count = (size_t)head[1], texts = count + (size_t)head[2], at = 8 + sizeof head + sizeof table->model;
     if (head[0] < 0 || head[1] < head[0] || head[2] < 0 || head[3] < 0 || head[3] >= head[0]) return 0;
     if ((size - at) / 20 < count) return 0;
     table->reals = head[0];

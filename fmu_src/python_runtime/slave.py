@@ -66,6 +66,7 @@ class TensegritySlave(Fmi2Slave):
         self._values, self._integers = self._kernel.values, self._kernel.integers
         self._state = State()
         self._stale = False
+        self._own_tolerance = self._values[self._table.tolerance].item()
         self._forget_resources_on_path()
 
     def _forget_resources_on_path(self):
@@ -82,12 +83,20 @@ class TensegritySlave(Fmi2Slave):
         state.stop = math.inf if stop_time is None else stop_time
         if tolerance is None or state.tolerance_set:
             return
-        reference = self._table.tolerance
-        if self._table.accepts(reference, tolerance):
-            self._values[reference] = tolerance
-        else:
-            what = f"the tolerance {tolerance!r} of fmi2SetupExperiment"
-            self._log(Fmi2Status.warning, f"{what} is out of range: ignored")
+        self._take_tolerance(tolerance)
+
+    def _take_tolerance(self, tolerance):
+        """A host's tolerance may tighten the FMU's own and not loosen it: hosts that pass a default of theirs, often 1e-4,
+        would lose the promised accuracy unasked."""
+        reference, own = self._table.tolerance, self._own_tolerance
+        what = f"fmi2SetupExperiment: the tolerance {tolerance!r} is"
+        if not self._table.accepts(reference, tolerance):
+            self._log(Fmi2Status.warning, f"{what} out of range: ignored")
+            return
+        self._values[reference] = min(tolerance, own)
+        if tolerance > own:
+            needed = f"looser than {own!r}, which the promised accuracy needs and which is used"
+            self._log(Fmi2Status.warning, f"{what} {needed}; to loosen it, set solver.tolerance")
 
     @guarded(nothing)
     def enter_initialization_mode(self):
