@@ -52,7 +52,7 @@ static fmi2Status in_order(instance *fmu, int modes, fmi2Status otherwise, const
 }
 
 #define REQUIRE(component, modes, otherwise)                                \
-    instance *fmu = (instance *)component;                                              \
+    instance *fmu = (instance *)component;                                  \
     fmi2Status order_status = in_order(fmu, modes, otherwise, __func__);    \
     if (order_status != fmi2OK) return order_status
 
