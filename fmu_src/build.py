@@ -15,8 +15,9 @@ from tensegrity_core.statics import build_model
 
 from .actuator import detached
 from .cross_check import write_cross_check
-from .native_fmu import cross_compiled, here, pack_native_fmu
-from .pack import fmi_platform, pack_python_fmu
+from .libraries import cross_compiled, here
+from .native_fmu import pack_native_fmu
+from .pack import pack_python_fmu
 from .report import write_report
 from .scenarios import scenarios
 from .validate import CACHE, Validation, finish, run_outside, submit, workers
@@ -34,7 +35,7 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
     targets = f"{', '.join(TARGETS)}, or all"
     asked = {"type": platforms, "default": (), "metavar": "NAMES"}
-    parser.add_argument("--platforms", **asked, help=f"of native FMUs, beside this one: {targets}")
+    parser.add_argument("--platforms", **asked, help=f"beside this one: {targets}")
     parser.add_argument("--sources", action="store_true", help="native FMUs that can be compiled from their sources, too")
     simple = "FMUs with Real outputs and no enumeration, for tools that know no others"
     parser.add_argument("--simple-types", action="store_true", help=simple)
@@ -58,7 +59,7 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
         parser.error("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
     if found.thorough and not found.validate:
         parser.error("--thorough is a kind of validation: leave it or --no-validate out")
-    native = [f"--{name.replace('_', '-')}" for name in ("platforms", "sources", "cross_check") if getattr(found, name)]
+    native = [f"--{name.replace('_', '-')}" for name in ("sources", "cross_check") if getattr(found, name)]
     if native and found.runtime == "python":
         parser.error(f"{', '.join(native)}: for native FMUs, which --runtime python leaves out")
     return found
@@ -81,12 +82,10 @@ def main(words: list[str] | None = None) -> int:
     runtimes = ("native", "python") if options.runtime == "both" else (options.runtime,)
     built: dict[tuple[str, str], Path] = {}
     try:
-        for runtime in runtimes:
-            CHECKS[runtime]()
+        here()
         models = unique([load_scene(scene) for scene in options.scenes])
         apart = take_apart(models) if options.detach_actuators else {}
-        for name in options.platforms:
-            cross_compiled(name, say=partial(print, flush=True))
+        compile_first(runtimes, options.platforms)
         for name, model in apart.items():
             for runtime in runtimes:
                 print(f"wrote {pack(model, runtime, options)}", flush=True)
@@ -103,14 +102,17 @@ def main(words: list[str] | None = None) -> int:
     return validate(models, built, options) if options.validate else 0
 
 
-#: What says at once that a runtime cannot be built here.
-CHECKS = {"native": here, "python": fmi_platform}
+def compile_first(runtimes: tuple[str, ...], names: tuple[str, ...]) -> None:
+    """Compile the libraries for other platforms, which takes long, and say so.  Raises TensegrityError."""
+    for kind in [kind for runtime in runtimes for kind in {"native": ["native"], "python": ["python", "kernel"]}[runtime]]:
+        for name in names:
+            cross_compiled(name, partial(print, flush=True), kind)
 
 
 def pack(model: Model, runtime: str, options: argparse.Namespace) -> Path:
     path = options.output / runtime / f"{model.name}.fmu"
     if runtime == "python":
-        return pack_python_fmu(model, path, options.naming, simple=options.simple_types)
+        return pack_python_fmu(model, path, options.naming, simple=options.simple_types, platforms=options.platforms)
     return pack_native_fmu(model, path, options.naming, **contents(options))
 
 

@@ -7,7 +7,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tensegrity_core.model import Model
 
 from .interface import Variable
-from .model_description import Runtime
+from .model_description import LOG_CATEGORIES, Runtime
 
 
 def environment() -> Environment:
@@ -17,5 +17,6 @@ def environment() -> Environment:
 
 def index_html(model: Model, table: tuple[Variable, ...], version: str, runtime: Runtime) -> bytes:
     """documentation/index.html: what the FMU is, its variables, its equations in brief, its limits."""
-    page = environment().get_template("index.html").render(model=model, table=table, version=version, runtime=runtime)
+    known = {"model": model, "table": table, "version": version, "runtime": runtime, "categories": LOG_CATEGORIES}
+    page = environment().get_template("index.html").render(**known)
     return page.encode("utf-8")

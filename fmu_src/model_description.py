@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from xml.etree import ElementTree as XML
 
 from tensegrity_core.fields import METHOD_MEANINGS
@@ -73,20 +73,19 @@ QUANTITIES = {
 LOG_CATEGORIES = {
     "logStatusWarning": "things that the host should know and that change nothing",
     "logStatusDiscard": "values and calls that were refused, and steps that could not be completed",
-    "logStatusError": "faults inside the FMU",
+    "logStatusError": "calls that must not be made, and faults inside the FMU",
     "logEvents": "transitions: a string became slack or taut, or reached another piece of its force curve",
+    "logSolver": "what the integrator did, at fmi2Terminate",
 }
 
 
 @dataclass(frozen=True)
 class Runtime:
-    """What differs between the runtimes.  name: 'python' or 'native'; tool: what made the FMU; capabilities: attributes of
-    the CoSimulation element beside CAPABILITIES; categories: of the log; sources: files to compile, in sources/."""
+    """What differs between the runtimes.  name: 'python' or 'native'; tool: what made the FMU; sources: files to compile, in
+    sources/."""
 
     name: str
     tool: str
-    capabilities: dict[str, bool | int] = field(default_factory=dict)
-    categories: dict[str, str] = field(default_factory=lambda: dict(LOG_CATEGORIES))
     sources: tuple[str, ...] = ()
 
 
@@ -94,7 +93,8 @@ class Runtime:
 CAPABILITIES = {
     "needsExecutionTool": False,
     "canHandleVariableCommunicationStepSize": True,
-    "canInterpolateInputs": False,
+    "canInterpolateInputs": True,
+    "maxOutputDerivativeOrder": 1,
     "canBeInstantiatedOnlyOncePerProcess": False,
     "canNotUseMemoryManagementFunctions": True,
     "canGetAndSetFMUstate": True,
@@ -133,9 +133,8 @@ def model_description(
         generationTool=runtime.tool,
         variableNamingConvention=naming,
     )
-    capabilities = {**CAPABILITIES, **runtime.capabilities}
     slave = XML.SubElement(root, "CoSimulation", modelIdentifier=identifier)
-    for name, value in capabilities.items():
+    for name, value in CAPABILITIES.items():
         slave.set(name, _text(value))
     if runtime.sources:
         _add_files(XML.SubElement(slave, "SourceFiles"), "File", runtime.sources)
@@ -143,7 +142,7 @@ def model_description(
     if any(row.kind == "Enumeration" for row in table):
         _add_method_type(root)
     categories = XML.SubElement(root, "LogCategories")
-    for name, meaning in runtime.categories.items():
+    for name, meaning in LOG_CATEGORIES.items():
         XML.SubElement(categories, "Category", name=name, description=meaning)
     _add_experiment(root, experiment)
     scalars = XML.SubElement(root, "ModelVariables")

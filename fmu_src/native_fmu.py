@@ -7,13 +7,9 @@ the sources can go along, for targets that have a compiler of their own.
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import platform
 import re
 import struct
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,38 +17,14 @@ import numpy as np
 
 import tensegrity_core
 from tensegrity_core.fields import METHODS
-from tensegrity_core.files import replacing_folder
 from tensegrity_core.model import fnv1a, Model, to_bytes
 from tensegrity_core.native import build
 
 from . import terminals
 from .interface import by_reference, Variable, variables
-from .model_description import LOG_CATEGORIES, Runtime, build_description, plain
-from .pack import PackError, complete, write_zip
-from .places import clone, kept
-
-HERE = Path(__file__).parent
-
-#: FMI's name of the platform by (sys.platform, machine).
-HOSTS = {
-    ("linux", "x86_64"): "linux64",
-    ("linux", "aarch64"): "aarch64-linux",
-    ("win32", "amd64"): "win64",
-    ("darwin", "x86_64"): "darwin64",
-    ("darwin", "arm64"): "aarch64-darwin",
-}
-
-#: Where importers such as fmpy look for the library on ARM: they go by the operating system's name alone, as in FMI 2.0.
-ON_ARM = {"aarch64-linux": "linux64", "aarch64-darwin": "darwin64"}
-
-#: What the native FMU logs as logStatusError.
-ERROR_CATEGORY = {"logStatusError": "calls that must not be made"}
-
-#: What the native FMU logs beside LOG_CATEGORIES; in the order of the enumeration in native_runtime/instance.h.
-SOLVER_CATEGORY = {"logSolver": "what the integrator did, at fmi2Terminate"}
-
-#: Suffixes of files that the compiler reads.
-SOURCES = {".c", ".h", ".def"}
+from .libraries import cross_compiled, here, host_library, on_arm, PackError
+from .model_description import Runtime, build_description, plain
+from .pack import complete, write_zip
 
 #: Stands above the kernel's public header in sources/, because importers pass no definitions for FMI 2.0.
 INTERNAL = b"""#ifndef TS_INTERNAL
@@ -86,14 +58,6 @@ _PREFIX = """/* Names of all functions that other files of these sources call: w
 SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0}
 
 
-def here() -> str:
-    """FMI's name of the platform that runs this, such as linux64.  Raises PackError."""
-    key = sys.platform, platform.machine().lower()
-    if key not in HOSTS:
-        raise PackError(f"FMI 2.0 has no name for the platform {'/'.join(key)}; known: {', '.join(HOSTS.values())}")
-    return HOSTS[key]
-
-
 @dataclass(frozen=True)
 class Contents:
     """What may differ between native FMUs of a model.  naming: 'structured' or 'flat'; platforms: keys of build.TARGETS,
@@ -114,60 +78,8 @@ def pack_native_fmu(model: Model, destination: Path, naming: str = "structured",
     chosen = Contents(naming, **contents)
     libraries = {here(): host_library()}
     libraries |= {name: cross_compiled(name) for name in chosen.platforms}
-    libraries |= {ON_ARM[arm]: libraries[arm] for arm in ON_ARM if arm in libraries and ON_ARM[arm] not in libraries}
-    write_zip(destination, native_fmu_files(model, chosen, libraries))
+    write_zip(destination, native_fmu_files(model, chosen, on_arm(libraries)))
     return destination
-
-
-def host_library() -> Path:
-    """The library for this platform.  Raises PackError where it is missing, or in a source tree older than its sources."""
-    library = HERE / "native_runtime" / build.FMU_LIBRARY
-    if not library.is_file():
-        raise PackError(f"{library} is missing; install this package anew: pip install -e .")
-    if clone(HERE) and not is_current(library):
-        raise PackError(f"{library} is older than its sources; compile it anew: pip install -e .")
-    return library
-
-
-def is_current(library: Path) -> bool:
-    """Whether a library is there and its sources have not changed since it was compiled."""
-    return library.is_file() and library.stat().st_mtime >= max(path.stat().st_mtime for path in compiler_reads())
-
-
-def compiler_reads() -> list[Path]:
-    """Files that determine a library: sources, and how they are compiled."""
-    folders = build.HERE, build.RUNTIME
-    return [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SOURCES | {".py"}]
-
-
-def sources_digest() -> str:
-    """Stands for the content of those files; their times say nothing in an installed package."""
-    digest = hashlib.sha256()
-    for path in compiler_reads():
-        digest.update(f"{path.name}\0{path.stat().st_size}\0".encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None) -> Path:
-    """The library for another platform, compiled once for each state of its sources.  Raises PackError.
-
-    say: told when the compiler starts, which takes up to a minute.
-    """
-    if name not in build.TARGETS:
-        raise PackError(f"platform {name!r}: use one of {', '.join(build.TARGETS)}")
-    target = kept(HERE) / "native" / name / sources_digest() / f"tensegrity_fmu{build.TARGETS[name].suffix}"
-    if target.is_file():
-        return target
-    if importlib.util.find_spec("ziglang") is None:
-        raise PackError(f"a library for {name} is compiled by ziglang: pip install ziglang, or -e \".[cross]\"")
-    say(f"compiling for {name} ...")
-    try:
-        with replacing_folder(target.parent) as fresh:
-            build.compile_fmu_library(fresh / target.name, name)
-        return target
-    except RuntimeError as error:
-        raise PackError(str(error)) from error
 
 
 def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:
@@ -184,8 +96,6 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
     runtime = Runtime(
         "native",
         f"tensegrity {tensegrity_core.__version__}",
-        {"canInterpolateInputs": True, "maxOutputDerivativeOrder": 1},
-        categories={**LOG_CATEGORIES, **ERROR_CATEGORY, **SOLVER_CATEGORY},
         sources=compiled_of(sources),
     )
     guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming)
@@ -195,13 +105,13 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
 
 def source_files(identifier: str) -> dict[str, bytes]:
     """What goes into sources/: kernel and FMI functions, and how to compile them.  The FMI headers are the importer's."""
-    paths = [path for folder in (build.HERE, build.RUNTIME) for path in sorted(folder.iterdir()) if path.suffix in SOURCES]
+    paths = [path for folder in (build.HERE, build.RUNTIME) for path in sorted(folder.iterdir()) if path.suffix in build.SOURCES]
     files = {path.name: path.read_bytes() for path in paths}
     if len(files) < len(paths):
         raise PackError("two source files have the same name; in sources/ one would hide the other")
     files["prefix.h"] = prefix_header(files)
     files["tensegrity.h"] = INTERNAL + files["tensegrity.h"]
-    for name in ("tensegrity.h", "blocks.h"):
+    for name in ("tensegrity.h", "blocks.h", "resources.h"):
         files[name] = PREFIXED + files[name]
     files["buildDescription.xml"] = build_description(identifier, compiled_of(files))
     return files

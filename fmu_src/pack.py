@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
-import sys
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -18,7 +16,6 @@ from pathlib import Path
 import pythonfmu
 
 import tensegrity_core
-from tensegrity_core.errors import TensegrityError
 from tensegrity_core.files import replacing
 from tensegrity_core.kernel import LIBRARY
 from tensegrity_core.model import Model, to_bytes
@@ -27,71 +24,70 @@ from .closure import import_closure
 from .documentation import index_html
 from .drawing import model_png
 from .interface import by_reference, Variable, variables
+from .libraries import cross_compiled, here, host_library, HOSTS, on_arm, PackError
 from .model_description import Experiment, Runtime, content_guid, model_description, plain
 from .places import clone, DISTRIBUTION
 
 HERE = Path(__file__).parent
+#: What the FMU's library runs, above the private package.
+MAIN = HERE / "python_runtime" / "main.py"
 CORE = Path(tensegrity_core.__file__).parent
 PYTHONFMU = Path(pythonfmu.__file__).parent
 
 #: Modules of pythonfmu that a slave needs.
 PYTHONFMU_MODULES = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 
-#: FMI platforms for which pythonfmu brings a binary, by (sys.platform, machine): (FMI name, suffix of the binary).
-PLATFORMS = {
-    ("linux", "x86_64"): ("linux64", ".so"),
-    ("win32", "amd64"): ("win64", ".dll"),
-}
-
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
-_MAIN = '''"""Imported by pythonfmu's binary, which takes the class below as the FMU."""
-
-import ctypes
-
-from {core}.python_runtime.slave import TensegritySlave
-
-# The binary (pythonfmu 0.7.0, findClass) releases this module's namespace at each instantiation although it has only
-# borrowed it.  This module runs at each instantiation, too: lend one reference, or the namespace is freed while in use.
-ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
-'''
-
-
-class PackError(TensegrityError):
-    """An FMU that cannot be packed here."""
-
-
 def pack_python_fmu(
-    model: Model, destination: Path, naming: str = "structured", library: Path | None = None, simple: bool = False
+    model: Model,
+    destination: Path,
+    naming: str = "structured",
+    library: Path | None = None,
+    simple: bool = False,
+    platforms: tuple[str, ...] = (),
 ) -> Path:
-    """Write the FMU of a model, over pythonfmu, for the platform that runs this; returns its path.
+    """Write the Python FMU of a model; returns its path.
 
-    destination: the .fmu file; library: the kernel's C library, by default the one that this Python uses; naming: of
-    the variables, 'structured' or 'flat'; simple: see model_description.plain.  Raises PackError where pythonfmu has no
-    binary for this platform.
+    destination: the .fmu file; naming: of the variables, 'structured' or 'flat'; library: the kernel's C library for this
+    platform, by default the one that this Python uses; simple: see model_description.plain; platforms: keys of
+    build.TARGETS, compiled by ziglang, beside the one that runs this.  Raises PackError.
     """
-    files = python_fmu_files(model, naming, library or CORE / "native" / LIBRARY, simple)
-    write_zip(destination, files)
+    native, kernels = {here(): host_library("python")}, {here(): library or CORE / "native" / LIBRARY}
+    native |= {name: cross_compiled(name, kind="python") for name in platforms}
+    kernels |= {name: cross_compiled(name, kind="kernel") for name in platforms}
+    write_zip(destination, python_fmu_files(model, naming, on_arm(native), kernels, simple))
     return destination
 
 
-def python_fmu_files(model: Model, naming: str, library: Path, simple: bool = False) -> dict[str, bytes]:
-    """Everything in the FMU: path inside the archive -> content."""
-    binary_platform, suffix = _platform()
+def python_fmu_files(
+    model: Model, naming: str, native: dict[str, Path], kernels: dict[str, Path], simple: bool = False
+) -> dict[str, bytes]:
+    """Everything in the FMU: path inside the archive -> content.  native, kernels: platform -> library."""
     table = variables(model, naming)
-    core = _core_files(library)
+    core = _core_files(kernels)
     private = f"tensegrity_core_{_digest(core)[:16]}"
     main = f"{private}_fmu"
     files = {f"resources/{private}/{name}": content for name, content in core.items()}
     files["resources/slavemodule.txt"] = main.encode()
-    files[f"resources/{main}.py"] = _MAIN.format(core=private).encode()
+    files[f"resources/{main}.py"] = MAIN.read_bytes().replace(b"@PRIVATE@", private.encode())
     files["resources/model.bin"] = to_bytes(model)
-    files["resources/variables.json"] = variables_json(model, table, f"native/{library.name}", _digest(files))
-    files[f"binaries/{binary_platform}/{model.name}{suffix}"] = _binary(binary_platform, suffix)
+    content = _digest(files)
+    files["resources/variables.json"] = variables_json(model, table, kernels, content, "")
+    files |= {f"binaries/{name}/{model.name}{path.suffix}": path.read_bytes() for name, path in native.items()}
     runtime = Runtime("python", f"tensegrity {tensegrity_core.__version__} with pythonfmu {metadata.version('pythonfmu')}")
-    complete(files, model, plain(table) if simple else table, runtime, naming)
+    guid = complete(files, model, plain(table) if simple else table, runtime, naming)
+    files["resources/variables.json"] = variables_json(model, table, kernels, content, guid)
+    files["resources/checksums.txt"] = checksums(files)
     files["documentation/licenses/pythonfmu.txt"] = licence_of("pythonfmu")
     return files
+
+
+def checksums(files: dict[str, bytes]) -> bytes:
+    """What the runtime compares the resources with, as sha256sum writes it, below a line that counts the files."""
+    names = sorted(name for name in files if name.startswith("resources/"))
+    lines = [f"{hashlib.sha256(files[name]).hexdigest()}  {name.removeprefix('resources/')}" for name in names]
+    return "".join(f"{line}\n" for line in [f"# {len(lines)} files", *lines]).encode()
 
 
 def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...], runtime: Runtime, naming: str) -> str:
@@ -112,12 +108,17 @@ def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...],
     return guid
 
 
-def variables_json(model: Model, table: tuple[Variable, ...], library: str, content: str) -> bytes:
-    """What the runtime must know of the variables.  content: hash of the rest, so that identity stands for the FMU."""
+def variables_json(
+    model: Model, table: tuple[Variable, ...], kernels: dict[str, Path], content: str, guid: str
+) -> bytes:
+    """What the runtime must know of the variables and of the kernel's libraries (by sys.platform and machine).  content: hash of
+    the rest, so that identity stands for the FMU."""
     table = by_reference(table)
     roles = {"input": "input", "output": "output"}
     data = {
-        "library": library,
+        "libraries": {
+            "/".join(machine): f"native/{name}/{kernels[name].name}" for machine, name in HOSTS.items() if name in kernels
+        },
         "strings": list(model.string_names),
         "tolerance": next(row.reference for row in table if row.field == "tolerance"),
         "reals": sum(row.kind == "Real" for row in table),
@@ -128,6 +129,7 @@ def variables_json(model: Model, table: tuple[Variable, ...], library: str, cont
     }
     text = json.dumps(data, indent=1)
     data["identity"] = hashlib.sha256(f"{content}\0{text}".encode()).hexdigest()
+    data["guid"] = guid
     return json.dumps(data, indent=1).encode() + b"\n"
 
 
@@ -143,35 +145,14 @@ def write_zip(destination: Path, files: dict[str, bytes]) -> None:
             archive.writestr(entry, files[name], compresslevel=6)
 
 
-def fmi_platform() -> str:
-    """FMI's name of the platform that runs this, such as linux64.  Raises PackError."""
-    return _platform()[0]
-
-
-def _platform() -> tuple[str, str]:
-    here = sys.platform, platform.machine().lower()
-    if here not in PLATFORMS:
-        known = ", ".join("/".join(key) for key in PLATFORMS)
-        raise PackError(f"pythonfmu has no binary for {'/'.join(here)}, only for {known}. Build on one of those")
-    return PLATFORMS[here]
-
-
-def _binary(binary_platform: str, suffix: str) -> bytes:
-    folder = PYTHONFMU / "resources" / "binaries" / binary_platform
-    found = sorted(folder.glob(f"*{suffix}"))
-    if len(found) != 1:
-        raise PackError(f"{folder} holds {len(found)} files *{suffix}, not one. Install pythonfmu anew")
-    return found[0].read_bytes()
-
-
-def _core_files(library: Path) -> dict[str, bytes]:
-    """The private package: the kernel's Python half and what it imports, the C library, the runtime, pythonfmu."""
+def _core_files(kernels: dict[str, Path]) -> dict[str, bytes]:
+    """The private package: the kernel's Python half and what it imports, its C libraries, the runtime, pythonfmu."""
     sources, foreign = import_closure(CORE, "kernel", "errors")
     if foreign - {"numpy"}:
         raise PackError(f"the kernel's modules import {sorted(foreign - {'numpy'})}: an FMU may need numpy only")
     files = {path.name: path.read_bytes() for path in sources}
-    files[f"native/{library.name}"] = library.read_bytes()
-    for path in sorted((HERE / "python_runtime").glob("*.py")):
+    files |= {f"native/{name}/{library.name}": library.read_bytes() for name, library in kernels.items()}
+    for path in sorted({*MAIN.parent.glob("*.py")} - {MAIN}):
         files[f"python_runtime/{path.name}"] = path.read_bytes()
     files["pythonfmu/__init__.py"] = b""
     for name in PYTHONFMU_MODULES:

@@ -64,6 +64,7 @@ _PROTOTYPES = {
     "ts_status_name": (c_char_p, c_int),
     "ts_check": (c_int, c_void_p, POINTER(c_int32)),
     "ts_initialize": (c_int, c_void_p, c_double),
+    "ts_reset": (c_int, c_void_p),
     "ts_step": (c_int, c_void_p, c_double),
     "ts_transition_count": (c_int64, c_void_p),
     "ts_transition_stored": (c_int32, c_void_p),
@@ -159,16 +160,25 @@ class Kernel:
         """Bytes that the simulation occupies, without its force curves."""
         return self._library.ts_memory_size(self._sim)
 
-    def output_derivatives(self) -> dict[str, np.ndarray]:
-        """First derivatives by time of all real outputs at the end of the last step: field -> (count,), unit/s.
+    @property
+    def first_output(self) -> int:
+        """Where the outputs begin in `values`."""
+        return next(self.layout[field.name].start for field in FIELDS if field.role == "output")
+
+    def output_rates(self) -> np.ndarray:
+        """First derivatives by time of all real outputs at the end of the last step, in the order of `values`, unit/s.
 
         Positions and velocities are exact, the others central differences along the motion (about 1e-6 relative).
         """
-        first = next(self.layout[field.name].start for field in FIELDS if field.role == "output")
-        out = np.empty(len(self.values) - first)
+        out = np.empty(len(self.values) - self.first_output)
         status = self._library.ts_output_derivatives(self._sim, _pointer(out))
         if status:
             self._raise(status)
+        return out
+
+    def output_derivatives(self) -> dict[str, np.ndarray]:
+        """The same by name: field -> (count,)."""
+        out, first = self.output_rates(), self.first_output
         outputs = [field.name for field in FIELDS if field.role == "output"]
         return {name: out[self.layout[name].start - first : self.layout[name].stop - first] for name in outputs}
 
@@ -205,6 +215,12 @@ class Kernel:
             error = InputError(f"{name}[{place}] = {self[name][place].item()!r} {self._message()}")
             error.index = index.value
             raise error
+
+    def reset(self) -> None:
+        """Inputs, parameters and state as they were at first."""
+        status = self._library.ts_reset(self._sim)
+        if status:
+            self._raise(status)
 
     def initialize(self, time: float = 0.0) -> None:
         """Return to the scene's start at this time (s) under the present inputs and parameters; fills the outputs."""

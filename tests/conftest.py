@@ -76,20 +76,47 @@ def native_folders(native_fmus, tmp_path_factory) -> dict[str, Path]:
     return {name: folder / name for name in native_fmus}
 
 
+@pytest.fixture(scope="session")
+def python_folders(fmus, tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> folder with the files of its Python FMU; nobody writes there but Python its caches."""
+
+    def make(folder):
+        for name, fmu in fmus.items():
+            with zipfile.ZipFile(fmu) as archive:
+                archive.extractall(folder / name)
+
+    folder = once(tmp_path_factory, "python_folders", make)
+    return {name: folder / name for name in fmus}
+
+
 @pytest.fixture
 def native(native_folders):
     """native(fmu, mode=None, **arguments): an instance of a scene's native FMU or of the one in a folder, see
     native_calls.Calls; brought to a mode where one is named; freed after the test."""
+    yield from instances(native_folders, pack_native_fmu)
+
+
+@pytest.fixture(params=["native", "python"])
+def both(request, native_folders, python_folders):
+    """both(fmu, ...): the same of both runtimes, one after the other; with that runtime's `folders` and `pack`."""
+    if request.param == "native":
+        yield from instances(native_folders, pack_native_fmu)
+    else:
+        yield from instances(python_folders, pack_python_fmu)
+
+
+def instances(folders, pack):
     from native_calls import Calls
 
     made = []
 
     def make(fmu, mode=None, **arguments):
-        made.append(Calls(native_folders.get(fmu, fmu), **arguments))
+        made.append(Calls(folders.get(fmu, fmu), **arguments))
         if mode:
             made[-1].bring_to(mode)
         return made[-1]
 
+    make.folders, make.pack = folders, pack
     yield make
     for one in made:
         one.free()

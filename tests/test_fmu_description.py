@@ -135,7 +135,7 @@ def test_capabilities(fmus):
     slave = description.coSimulation
     assert not slave.needsExecutionTool and not slave.canBeInstantiatedOnlyOncePerProcess
     assert slave.canHandleVariableCommunicationStepSize and slave.canGetAndSetFMUstate and slave.canSerializeFMUstate
-    assert not slave.canInterpolateInputs and description.modelExchange is None
+    assert slave.canInterpolateInputs and description.modelExchange is None
     assert description.generationDateAndTime is None
     assert description.defaultExperiment.stepSize is not None
 

@@ -27,7 +27,8 @@ from support import scene  # noqa: E402
 from fmu_src import model_description  # noqa: E402
 from fmu_src.actuator import detached  # noqa: E402
 from fmu_src.interface import DERIVATIVES, variables  # noqa: E402
-from fmu_src.native_fmu import Contents, here, host_library, native_fmu_files  # noqa: E402
+from fmu_src.libraries import here, host_library  # noqa: E402
+from fmu_src.native_fmu import Contents, native_fmu_files  # noqa: E402
 from fmu_src.pack import CORE, python_fmu_files  # noqa: E402
 from tensegrity_core.fields import FIELDS  # noqa: E402
 from tensegrity_core.kernel import LIBRARY, Kernel  # noqa: E402
@@ -67,7 +68,8 @@ def models() -> Iterator[Model]:
 
 def files_of(model: Model, runtime: str, naming: str, simple: bool, sources: bool) -> dict[str, bytes]:
     if runtime == "python":
-        return python_fmu_files(model, naming, CORE / "native" / LIBRARY, simple)
+        kernel = {here(): CORE / "native" / LIBRARY}
+        return python_fmu_files(model, naming, {here(): host_library("python")}, kernel, simple)
     return native_fmu_files(model, Contents(naming, sources=sources, simple=simple), {here(): host_library()})
 
 

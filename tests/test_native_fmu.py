@@ -1,7 +1,7 @@
-"""The native FMU: the same results as the Python FMU and the kernel, call order, values, steps, messages, states,
-derivatives of inputs and outputs, folders.
+"""Both FMUs: the same results as each other and the kernel, call order, values, steps, messages, states, derivatives of inputs
+and outputs, folders.  What `both` makes is tested with either runtime: they have one table of statuses.
 
-Through native_calls.py, so that statuses are seen and null pointers can be passed; against the Python FMU through fmpy.
+Through native_calls.py, so that statuses are seen and null pointers can be passed; against each other through fmpy.
 """
 
 import ctypes
@@ -148,8 +148,8 @@ def test_strangers_get_the_kernels_results(name, native_fmus, outside_python):
     assert events == here.transitions
 
 
-def test_follows_the_kernel(native):
-    one, kernel = native("three_bar_nsh", "stepping"), Kernel(scene("three_bar_nsh"))
+def test_follows_the_kernel(both):
+    one, kernel = both("three_bar_nsh", "stepping"), Kernel(scene("three_bar_nsh"))
     kernel.initialize()
     one.set({"n4.force.z": 45.0, "n4.force.x": -3.0})
     kernel["force"][0], kernel["force"][2] = -3.0, 45.0
@@ -262,8 +262,8 @@ DISCARDED = {
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("function", CALLS)
-def test_every_function_in_every_mode(function, mode, native):
-    one = native("three_bar", mode)
+def test_every_function_in_every_mode(function, mode, both):
+    one = both("three_bar", mode)
     (modes, call), before = CALLS[function], one.serialised()
     wanted = OK if mode in modes else out_of_order(function, mode)
     assert call(one) == wanted, one.messages
@@ -279,20 +279,20 @@ def test_every_function_in_every_mode(function, mode, native):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("function", DISCARDED)
-def test_status_of_steps_that_are_never_pending(function, mode, native):
-    one = native("three_bar", mode)
+def test_status_of_steps_that_are_never_pending(function, mode, both):
+    one = both("three_bar", mode)
     assert DISCARDED[function](one) == (ERROR if mode == "error" else DISCARD)
     assert one.said(f"fmi2{function}")
 
 
-def test_every_function_is_exported_and_listed(native):
-    one = native("two_bar")
+def test_every_function_is_exported_and_listed(both):
+    one = both("two_bar")
     assert one.library.fmi2GetVersion() == b"2.0" and one.library.fmi2GetTypesPlatform() == b"default"
     assert {*CALLS, *DISCARDED} == set(ARGUMENTS)
 
 
-def test_other_kinds_of_status_have_no_value(native):
-    one = native("three_bar", "stepping")
+def test_other_kinds_of_status_have_no_value(both):
+    one = both("three_bar", "stepping")
     for kind in (DO_STEP_STATUS, PENDING_STATUS, TERMINATED, 99, -1):
         assert one.do("GetRealStatus", kind, byref(c_double())) == DISCARD
     for kind in (DO_STEP_STATUS, PENDING_STATUS, LAST_SUCCESSFUL_TIME, 99):
@@ -302,8 +302,8 @@ def test_other_kinds_of_status_have_no_value(native):
     assert one.last_time() == 0.0 and one.step(0.0, 0.01) == OK and one.last_time() == 0.01
 
 
-def test_after_an_error_only_reset_a_state_or_reading_helps(native):
-    one, other = native("three_bar_nsh", "stepping"), native("three_bar_nsh", "stepping")
+def test_after_an_error_only_reset_a_state_or_reading_helps(both):
+    one, other = both("three_bar_nsh", "stepping"), both("three_bar_nsh", "stepping")
     for two in (one, other):
         two.set({"n4.force.z": 60.0})
         two.walk(5)
@@ -322,15 +322,15 @@ def test_after_an_error_only_reset_a_state_or_reading_helps(native):
     same(one.walk(5)[-1], before)
 
 
-def test_a_state_saved_after_an_error_is_one_of_error(native):
-    one = native("two_bar", "error")
+def test_a_state_saved_after_an_error_is_one_of_error(both):
+    one = both("two_bar", "error")
     data = one.serialised()
     assert one.do("Reset") == OK and one.start() == OK and one.restore(data) == OK
     assert one.step(0.0, 0.01) == ERROR
 
 
-def test_null_components_are_errors(native):
-    one = native("two_bar")
+def test_null_components_are_errors(both):
+    one = both("two_bar")
     with_null = [getattr(one.library, f"fmi2{name}") for name in (*CALLS, *DISCARDED)]
     for call in with_null:
         assert call(None, *[0 if kind in (c_int, c_uint, c_size_t, c_double) else None for kind in call.argtypes[1:]]) == ERROR
@@ -362,8 +362,8 @@ def null_calls(one):
     one.drop(state)
 
 
-def test_null_pointers_are_refused(native):
-    one = native("three_bar", "stepping")
+def test_null_pointers_are_refused(both):
+    one = both("three_bar", "stepping")
     good = one.serialised()
     for function, arguments in null_calls(one):
         one.messages.clear()
@@ -392,8 +392,8 @@ BAD = [
 
 
 @pytest.mark.parametrize(("name", "bad", "rule"), BAD)
-def test_bad_values_are_discarded_and_change_nothing(name, bad, rule, native):
-    one, other = native("three_bar_nsh", "stepping"), native("three_bar_nsh", "stepping")
+def test_bad_values_are_discarded_and_change_nothing(name, bad, rule, both):
+    one, other = both("three_bar_nsh", "stepping"), both("three_bar_nsh", "stepping")
     same(one.walk(3), other.walk(3))
     good, data = one.get(name), one.serialised()
     assert one.set({name: bad}) == DISCARD
@@ -404,8 +404,8 @@ def test_bad_values_are_discarded_and_change_nothing(name, bad, rule, native):
 
 
 @pytest.mark.parametrize("mode", ["instantiated", "initialization"])
-def test_bad_start_values_are_discarded(mode, native):
-    one = native("three_bar_nsh", mode)
+def test_bad_start_values_are_discarded(mode, both):
+    one = both("three_bar_nsh", mode)
     bad = {"s2.nsh.zeta[3]": (9.0, "at most 7.999999999999999"), "b1.mass": (0.0, "at least 2.2250738585072014e-308"),
            "s1.nsh.Q[1]": (-3.0, "at least"), "solver.tolerance": (1.0, "at most 0.1"), "solver.step": (-1.0, "at least 0"),
            "solver.method": (6, "at most 5")}  # fmt: skip
@@ -416,11 +416,11 @@ def test_bad_start_values_are_discarded(mode, native):
     else:
         assert one.do("ExitInitializationMode") == OK
     assert one.get("b1.mass") == 1.0 and one.get("s2.nsh.zeta[3]") == 5.0 and one.integer("solver.method") == 0
-    same(one.walk(3), native("three_bar_nsh", "stepping").walk(3))
+    same(one.walk(3), both("three_bar_nsh", "stepping").walk(3))
 
 
-def test_vectors_are_set_whole_or_not_at_all(native):
-    one = native("three_bar", "stepping")
+def test_vectors_are_set_whole_or_not_at_all(both):
+    one = both("three_bar", "stepping")
     names = ["n4.force.x", "n4.force.y", "n4.force.z"]
     assert one.set(dict(zip(names, (1.0, 2.0, 3.0)))) == OK
     data = one.serialised()
@@ -437,16 +437,16 @@ def test_vectors_are_set_whole_or_not_at_all(native):
 @pytest.mark.parametrize(
     "function", [f"{verb}{kind}" for verb in ("Get", "Set") for kind in ("Real", "Integer", "Boolean", "String")]
 )
-def test_unknown_value_references_are_refused(function, reference, native):
-    one = native("two_bar", "stepping")
+def test_unknown_value_references_are_refused(function, reference, both):
+    one = both("two_bar", "stepping")
     place = c_char_p() if "String" in function else c_double(7.0) if "Real" in function else c_int(7)
     assert one.do(function, (c_uint * 1)(reference), 1, byref(place)) == DISCARD
     assert one.said(f"fmi2{function}", str(reference), "value reference") and place.value in (7, None)
     assert one.step(0.0, 0.01) == OK
 
 
-def test_the_types_of_value_references_are_kept_apart(native):
-    one = native("two_bar_nsh", "stepping")
+def test_the_types_of_value_references_are_kept_apart(both):
+    one = both("two_bar_nsh", "stepping")
     real, whole = one.references(["gravity"]), one.references(["solver.method"])
     found = c_double(-1.0)
     assert one.do("GetReal", whole, 1, byref(found)) == OK and found.value == 0.0  # some importers read all outputs so
@@ -454,8 +454,8 @@ def test_the_types_of_value_references_are_kept_apart(native):
     assert one.do("GetInteger", real, 1, byref(c_int())) == DISCARD and one.said("no Integer variable")
 
 
-def test_fixed_parameters_are_refused_after_initialization(native):
-    one = native("three_bar_nsh", "stepping")
+def test_fixed_parameters_are_refused_after_initialization(both):
+    one = both("three_bar_nsh", "stepping")
     good = one.serialised()
     late = {"b1.mass": 2.0, "s1.nsh.Q[2]": 9.0, "solver.tolerance": 1e-6, "solver.step": 0.1, "solver.method": 2}
     for name, value in late.items():
@@ -468,21 +468,21 @@ def test_fixed_parameters_are_refused_after_initialization(native):
 
 
 @pytest.mark.parametrize("mode", MODES[:3])
-def test_outputs_cannot_be_set(mode, native):
-    one = native("three_bar_nsh", mode)
+def test_outputs_cannot_be_set(mode, both):
+    one = both("three_bar_nsh", mode)
     assert one.set({"n4.x": 0.123}) == DISCARD and one.said("n4.x", "it is an output")
     assert one.set({"s1.snapped": 2}) == DISCARD and one.said("s1.snapped", "it is an output")
 
 
-def test_a_value_set_twice_in_one_call_is_the_last(native):
-    one = native("three_bar", "stepping")
+def test_a_value_set_twice_in_one_call_is_the_last(both):
+    one = both("three_bar", "stepping")
     assert one.do("SetReal", one.references(["gravity", "gravity"]), 2, (c_double * 2)(1.0, 2.0)) == OK
     assert one.get("gravity") == 2.0
 
 
-def test_tolerance_of_the_host_and_of_the_parameter(native):
+def test_tolerance_of_the_host_and_of_the_parameter(both):
     def tolerance(early=None, **setup):
-        one = native("two_bar")
+        one = both("two_bar")
         one.set({} if early is None else {"solver.tolerance": early})
         one.worst = one.start(**setup)
         return one.get("solver.tolerance"), one
@@ -503,9 +503,9 @@ def test_tolerance_of_the_host_and_of_the_parameter(native):
 
 
 @pytest.mark.parametrize("loose", [1e-4, 1e-9, 1.0000001e-10, 0.1])
-def test_a_host_may_not_loosen_the_tolerance_unasked(loose, native):
+def test_a_host_may_not_loosen_the_tolerance_unasked(loose, both):
     """OMSimulator passes 1e-4 where nobody chose one, and ends the run at fmi2Warning: fmi2OK, and a message."""
-    one, other = native("two_bar_nsh", logging=False), native("two_bar_nsh", "stepping")
+    one, other = both("two_bar_nsh", logging=False), both("two_bar_nsh", "stepping")
     assert one.do("SetupExperiment", 1, 1e-12, 0.0, 0, 0.0) == OK  # also where it was tighter before
     assert one.start(tolerance=loose) == OK
     ((status, category, text),) = one.messages
@@ -515,8 +515,8 @@ def test_a_host_may_not_loosen_the_tolerance_unasked(loose, native):
     same(one.walk(20), other.walk(20))
 
 
-def test_outputs_follow_at_once_in_initialization_mode_only(native):
-    one = native("three_bar", "initialization")
+def test_outputs_follow_at_once_in_initialization_mode_only(both):
+    one = both("three_bar", "initialization")
     before, length = one.get("s1.force", "n1.reaction.z"), one.get("s1.rest_length")
     one.set({"s1.rest_length": length - 0.01})
     during = one.get("s1.force", "n1.reaction.z")
@@ -527,9 +527,9 @@ def test_outputs_follow_at_once_in_initialization_mode_only(native):
     assert one.step(0.0, 1e-4) == OK and one.get("s1.force") < during[0]
 
 
-def test_a_start_that_cannot_be_computed(native):
+def test_a_start_that_cannot_be_computed(both):
     """Accepted values one by one, but no finite accelerations: reading says so, and other values mend it."""
-    one = native("three_bar", "initialization")
+    one = both("three_bar", "initialization")
     assert one.set({"s1.stiffness": 1e300, "s1.rest_length": 0.0, "n4.force.z": 1e308, "b1.mass": 1e-300}) == OK
     assert one.do("GetReal", *one_reference(one), byref(c_double())) == DISCARD and one.said("no start can be computed")
     assert one.set({"s1.stiffness": 1000.0, "s1.rest_length": 0.5, "n4.force.z": 0.0, "b1.mass": 1.0}) == OK
@@ -543,8 +543,8 @@ def test_a_start_that_cannot_be_computed(native):
 # Steps
 
 
-def test_wrong_times_and_steps(native):
-    one, other = native("three_bar", "stepping"), native("three_bar", "stepping")
+def test_wrong_times_and_steps(both):
+    one, other = both("three_bar", "stepping"), both("three_bar", "stepping")
     for two in (one, other):
         two.set({"n4.force.z": 20.0})
         two.walk(1)
@@ -559,13 +559,13 @@ def test_wrong_times_and_steps(native):
     same(one.walk(2, start=1), other.walk(2, start=1))
 
 
-def test_stop_time_is_kept_with_room_for_round_off(native):
-    one = native("two_bar")
+def test_stop_time_is_kept_with_room_for_round_off(both):
+    one = both("two_bar")
     one.start(stop_time=0.3)
     for k in range(3):
         assert one.step(k * 0.1, 0.1) == OK
     assert 3 * 0.1 > 0.3 and one.step(0.3, 1e-9) == ERROR and one.said("stop time 0.3 s")
-    adding, time = native("two_bar"), 0.0
+    adding, time = both("two_bar"), 0.0
     adding.start(stop_time=1.0)
     for _ in range(1000):
         assert adding.step(time, 1e-3) == OK
@@ -573,23 +573,23 @@ def test_stop_time_is_kept_with_room_for_round_off(native):
     assert time > 1.0 and adding.step(time, 1e-3) == ERROR
 
 
-def test_a_step_across_the_stop_time_is_an_error(native):
-    one = native("two_bar")
+def test_a_step_across_the_stop_time_is_an_error(both):
+    one = both("two_bar")
     one.start(stop_time=0.05)
     assert one.step(0.0, 0.06) == ERROR and one.said("from 0 s", "stop time 0.05 s")
 
 
-def test_setup_of_the_experiment_is_checked(native):
+def test_setup_of_the_experiment_is_checked(both):
     for start, stop in ((math.nan, 1.0), (math.inf, 1.0), (2.0, 1.0), (0.0, math.nan)):
-        one = native("two_bar")
+        one = both("two_bar")
         assert one.do("SetupExperiment", 0, 0.0, start, 1, stop) == DISCARD and one.said("time"), (start, stop)
         assert one.start() == OK and one.step(0.0, 0.01) == OK
-    assert native("two_bar").start(start_time=-5.0, stop_time=math.inf) == OK
+    assert both("two_bar").start(start_time=-5.0, stop_time=math.inf) == OK
 
 
-def test_hosts_that_add_up_and_hosts_that_multiply(native):
+def test_hosts_that_add_up_and_hosts_that_multiply(both):
     """20 000 steps of 1 ms by i h, and by a time that is added up and is 6e-12 s off in the end."""
-    adding, counting, time, h = native("two_bar", "stepping"), native("two_bar", "stepping"), 0.0, 1e-3
+    adding, counting, time, h = both("two_bar", "stepping"), both("two_bar", "stepping"), 0.0, 1e-3
     for k in range(20_000):
         assert adding.step(time, h) == OK and counting.step(k * h, h) == OK
         time += h
@@ -597,8 +597,8 @@ def test_hosts_that_add_up_and_hosts_that_multiply(native):
     same(adding.outputs(), counting.outputs())
 
 
-def test_start_time_does_not_change_the_motion(native):
-    early, late = native("three_bar_nsh", "stepping"), native("three_bar_nsh")
+def test_start_time_does_not_change_the_motion(both):
+    early, late = both("three_bar_nsh", "stepping"), both("three_bar_nsh")
     assert late.start(start_time=12.5) == OK and late.last_time() == 12.5
     for k in range(50):
         for one, start in ((early, 0.0), (late, 12.5)):
@@ -609,8 +609,8 @@ def test_start_time_does_not_change_the_motion(native):
 
 
 @pytest.mark.parametrize("force", [1e300, -1e308])
-def test_a_step_that_fails_is_discarded_and_changes_nothing(force, native):
-    one, other = native("three_bar_nsh", "stepping"), native("three_bar_nsh", "stepping")
+def test_a_step_that_fails_is_discarded_and_changes_nothing(force, both):
+    one, other = both("three_bar_nsh", "stepping"), both("three_bar_nsh", "stepping")
     same(one.walk(2), other.walk(2))
     before = one.outputs()
     one.set({"n4.force.z": force})
@@ -622,16 +622,16 @@ def test_a_step_that_fails_is_discarded_and_changes_nothing(force, native):
     same(one.walk(3, start=2), other.walk(3, start=2))
 
 
-def test_a_rest_length_that_would_turn_negative_is_discarded(native):
-    one = native("three_bar", "stepping")
+def test_a_rest_length_that_would_turn_negative_is_discarded(both):
+    one = both("three_bar", "stepping")
     one.set({"s5.rest_length": 0.001, "s5.rest_length_rate": -1.0})
     assert one.step(0.0, 0.01) == DISCARD and one.said("discarded", "negative") and one.last_time() == 0.0
     one.set({"s5.rest_length_rate": 0.0})
     assert one.step(0.0, 0.01) == OK
 
 
-def test_terminate_and_reset_is_a_new_beginning(native):
-    one, fresh = native("three_bar_nsh"), native("three_bar_nsh", "stepping")
+def test_terminate_and_reset_is_a_new_beginning(both):
+    one, fresh = both("three_bar_nsh"), both("three_bar_nsh", "stepping")
     one.start({"s1.damping": 50.0, "s2.nsh.Q[1]": 20.0}, start_time=3.0, stop_time=4.0, tolerance=1e-5)
     one.set({"n4.force.z": 70.0})
     one.slopes({"n4.force.x": 5.0})
@@ -657,13 +657,13 @@ def swing(one):
     return events(one)
 
 
-def test_transitions_are_logged_where_wanted(native):
-    on, off = native("three_bar_nsh", "stepping"), native("three_bar_nsh", "stepping", logging=False)
+def test_transitions_are_logged_where_wanted(both):
+    on, off = both("three_bar_nsh", "stepping"), both("three_bar_nsh", "stepping", logging=False)
     found = swing(on)
     assert found[0].startswith("string s2: piece 1 -> 0 at t = 0.0165")
     assert swing(off) == [] and not off.messages
     assert off.set({"n4.force.z": math.nan}) == DISCARD and off.said("n4.force.z")  # what goes wrong is always said
-    some = native("three_bar_nsh", "stepping", logging=False)
+    some = both("three_bar_nsh", "stepping", logging=False)
     assert some.do("SetDebugLogging", 1, 1, (c_char_p * 1)(b"logEvents")) == OK
     assert swing(some) == found
     some.do("Terminate")
@@ -675,29 +675,29 @@ def test_transitions_are_logged_where_wanted(native):
     assert not on.messages
 
 
-def test_the_solvers_work_is_logged(native):
-    one = native("three_bar_nsh", "stepping")
+def test_the_solvers_work_is_logged(both):
+    one = both("three_bar_nsh", "stepping")
     one.walk(3)
     assert one.do("Terminate") == OK
     assert [text for _, category, text in one.messages if category == "logSolver"][0].startswith("since the start: ")
 
 
-def test_categories_are_those_of_the_description(native):
-    one = native("two_bar")
+def test_categories_are_those_of_the_description(both):
+    one = both("two_bar")
     text = (one.folder / "modelDescription.xml").read_text(encoding="utf-8")
     for category in ("logStatusWarning", "logStatusDiscard", "logStatusError", "logEvents", "logSolver"):
         assert f'<Category name="{category}"' in text
         assert one.do("SetDebugLogging", 1, 1, (c_char_p * 1)(category.encode())) == OK
 
 
-def test_messages_are_safe_as_formats(native):
+def test_messages_are_safe_as_formats(both):
     """The host hands a message to printf, and takes # for the mark of a variable: both are doubled."""
-    one = native("two_bar")
+    one = both("two_bar")
     assert one.do("SetDebugLogging", 1, 2, (c_char_p * 2)(b"50 %s%n #r7#", None)) == WARNING
     assert one.said("50 %%s%%n ##r7##") and one.said("(null)")
-    bad = native("two_bar", guid=b"%s#%n")
+    bad = both("two_bar", guid=b"%s#%n")
     assert bad.component is None and bad.said("%%s##%%n")
-    long = native("two_bar", guid=b"%" * 100_000)
+    long = both("two_bar", guid=b"%" * 100_000)
     assert long.component is None and len(long.messages[0][2]) < 3000
 
 
@@ -714,47 +714,47 @@ def test_messages_are_safe_as_formats(native):
         ({"name": b""}, ("needs a name",)),
         ({"name": None}, ("needs a name",)),
         ({"location": b""}, ("resource location",)),
-        ({"location": b"file:///no/where"}, ("/no/where/variables.bin", "unzip")),
+        ({"location": b"file:///no/where"}, ("/no/where/", "unzip")),
         ({"location": b"http://example.org/resources"}, ("cannot be read",)),
         ({"location": b"file:"}, ("cannot be read",)),
         ({"location": b"%"}, ("cannot be read",)),
     ],
 )
-def test_instantiation_that_must_fail(wrong, words, native):
-    one = native("two_bar", **wrong)
+def test_instantiation_that_must_fail(wrong, words, both):
+    one = both("two_bar", **wrong)
     assert one.component is None and one.said("fmi2Instantiate", *words), one.messages
     assert {message[:2] for message in one.messages} == {(ERROR, "logStatusError")}
-    assert native("two_bar", logger=False, **wrong).component is None
+    assert both("two_bar", logger=False, **wrong).component is None
 
 
-def test_no_callbacks_are_needed(native):
-    one = native("two_bar", logger=False)
+def test_no_callbacks_are_needed(both):
+    one = both("two_bar", logger=False)
     assert one.start() == OK and one.step(0.0, 0.01) == OK and one.step(0.0, 0.01) == ERROR
 
 
 @pytest.mark.parametrize("folder", ["größe #1", "with space", "100%", "a+b;c", "日本"])
-def test_runs_from_any_folder_by_any_uri(folder, native, native_folders, tmp_path):
+def test_runs_from_any_folder_by_any_uri(folder, both, tmp_path):
     """Percent-encoded URIs of every form, and a plain path, with and without a slash at the end."""
     copy = tmp_path / folder
-    shutil.copytree(native_folders["two_bar"], copy)
+    shutil.copytree(both.folders["two_bar"], copy)
     uri = (copy / "resources").as_uri().removeprefix("file://")
-    expected = native("two_bar", "stepping").walk(3)
+    expected = both("two_bar", "stepping").walk(3)
     for form in (f"file://{uri}", f"file:{uri}", f"file://localhost{uri}", str(copy / "resources")):
         for slash in ("", "/"):
-            one = native(copy, location=(form + slash).encode())
+            one = both(copy, location=(form + slash).encode())
             assert one.component, (form, one.messages)
             one.start()
             same(one.walk(3), expected)
     lower = f"file://{uri}".replace("%C3%B6", "%c3%b6")  # digits of percent codes may be small letters
-    assert native(copy, location=lower.encode()).component
+    assert both(copy, location=lower.encode()).component
 
 
 # States
 
 
 @pytest.mark.parametrize("name", ["three_bar_nsh", "six_bar"])
-def test_rollback_repeats_to_the_last_bit(name, native):
-    one = native(name, "stepping")
+def test_rollback_repeats_to_the_last_bit(name, both):
+    one = both(name, "stepping")
     one.set({"n4.force.z": 60.0, "s4.rest_length_rate": -0.05})
     one.walk(17)
     one.slopes({"n5.force.x": 200.0})
@@ -773,9 +773,9 @@ def test_rollback_repeats_to_the_last_bit(name, native):
 
 
 @pytest.mark.parametrize("method", range(6))
-def test_rollback_within_an_open_step(method, native):
+def test_rollback_within_an_open_step(method, both):
     """Communication steps so short that the integrator's own step spans many of them: a state between is one to go back to."""
-    one, h = native("three_bar_nsh"), 1e-4
+    one, h = both("three_bar_nsh"), 1e-4
     one.start({"solver.method": method})
     one.set({"n4.force.z": 45.0})
     one.walk(40, h)
@@ -790,17 +790,17 @@ def test_rollback_within_an_open_step(method, native):
         one.drop(state)
 
 
-def test_states_of_every_mode_come_back(native):
+def test_states_of_every_mode_come_back(both):
     for mode in MODES:
-        one = native("two_bar", mode)
+        one = both("two_bar", mode)
         data = one.serialised()
         assert one.do("Reset") == OK and one.start({"gravity": 5.0}) == OK
         assert one.restore(data) == OK and one.serialised() == data
         assert one.do("Terminate") == (OK if mode == "stepping" else ERROR)
 
 
-def test_a_state_in_initialization_mode_keeps_what_is_not_computed_yet(native):
-    one = native("three_bar", "initialization")
+def test_a_state_in_initialization_mode_keeps_what_is_not_computed_yet(both):
+    one = both("three_bar", "initialization")
     one.set({"s1.rest_length": 0.3})
     state = one.save()
     expected = one.outputs()
@@ -810,8 +810,8 @@ def test_a_state_in_initialization_mode_keeps_what_is_not_computed_yet(native):
     one.drop(state)
 
 
-def test_a_state_pointer_is_used_again(native):
-    one = native("two_bar", "stepping")
+def test_a_state_pointer_is_used_again(both):
+    one = both("two_bar", "stepping")
     state = one.save()
     address = state.value
     one.walk(3)
@@ -822,8 +822,8 @@ def test_a_state_pointer_is_used_again(native):
     one.drop(state)
 
 
-def test_serialised_states_go_from_instance_to_instance(native):
-    one, other = native("six_bar_nsh", "stepping"), native("six_bar_nsh")
+def test_serialised_states_go_from_instance_to_instance(both):
+    one, other = both("six_bar_nsh", "stepping"), both("six_bar_nsh")
     one.set({"n4.force.z": 200.0})
     one.slopes({"n4.force.z": -50.0})
     one.walk(12)
@@ -834,8 +834,8 @@ def test_serialised_states_go_from_instance_to_instance(native):
     same(other.walk(10, start=12), first)
 
 
-def test_serialised_states_go_from_process_to_process(native, native_folders, tmp_path):
-    one = native("three_bar_nsh", "stepping")
+def test_serialised_states_go_from_process_to_process(both, tmp_path):
+    one = both("three_bar_nsh", "stepping")
     one.set({"n4.force.z": 45.0})
     one.walk(25, 1e-3)
     (tmp_path / "state").write_bytes(one.serialised())
@@ -844,18 +844,18 @@ def test_serialised_states_go_from_process_to_process(native, native_folders, tm
         "one = Calls(sys.argv[1]); assert one.restore(open(sys.argv[2], 'rb').read()) == 0\n"
         "numpy.save(sys.argv[3], one.walk(40, 1e-3, 25)); one.free()\n"
     )
-    paths = [native_folders["three_bar_nsh"], tmp_path / "state", tmp_path / "rows.npy", HERE, HERE.parent]
+    paths = [both.folders["three_bar_nsh"], tmp_path / "state", tmp_path / "rows.npy", HERE, HERE.parent]
     done = subprocess.run([sys.executable, "-c", program, *map(str, paths)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     same(np.load(tmp_path / "rows.npy"), one.walk(40, 1e-3, 25))
 
 
-@pytest.fixture(scope="module")
-def sample(native_folders):
+@pytest.fixture(scope="module", params=["native", "python"])
+def sample(request, native_folders, python_folders):
     """An instance in the middle of a run, and its serialised state."""
     from native_calls import Calls
 
-    one = Calls(native_folders["two_bar_nsh"])
+    one = Calls({"native": native_folders, "python": python_folders}[request.param]["two_bar_nsh"])
     one.start()
     one.set({"n4.force.z" if "n4.force.z" in one.by_name else "n3.force.z": 20.0})
     one.walk(7)
@@ -905,9 +905,9 @@ def test_a_flip_of_every_byte_is_refused(sample):
     assert one.restore(good) == OK
 
 
-def test_states_of_another_scene_are_refused(native):
+def test_states_of_another_scene_are_refused(both):
     """Also where the other state is the smaller one: nothing beyond it is read (valgrind would tell, test_native_host.py)."""
-    small, large = native("two_bar", "stepping"), native("six_bar_nsh", "stepping")
+    small, large = both("two_bar", "stepping"), both("six_bar_nsh", "stepping")
     for one, other in ((small, large), (large, small)):
         good, strange, size = one.serialised(), other.save(), c_size_t()
         assert_refused(one, good, other.serialised(), "another FMU")
@@ -923,17 +923,17 @@ def test_states_of_another_scene_are_refused(native):
         one.walk(2)
 
 
-def test_states_of_a_changed_scene_are_refused(native, native_folders, tmp_path):
+def test_states_of_a_changed_scene_are_refused(both, tmp_path):
     """The same shape, but another mass: another GUID, so another FMU."""
     heavier = replace(scene("two_bar"), bar_mass=2.0 * scene("two_bar").bar_mass)
-    with ZipFile(pack_native_fmu(heavier, tmp_path / "heavier.fmu")) as archive:
+    with ZipFile(both.pack(heavier, tmp_path / "heavier.fmu")) as archive:
         archive.extractall(tmp_path / "heavier")
-    other, one = native(tmp_path / "heavier", "stepping"), native("two_bar", "stepping")
+    other, one = both(tmp_path / "heavier", "stepping"), both("two_bar", "stepping")
     assert_refused(one, one.serialised(), other.serialised(), "another FMU")
 
 
-def test_a_vector_too_short_for_a_state_is_refused(native):
-    one = native("two_bar", "stepping")
+def test_a_vector_too_short_for_a_state_is_refused(both):
+    one = both("two_bar", "stepping")
     state, size = one.save(), c_size_t()
     one.do("SerializedFMUstateSize", state, byref(size))
     data = ctypes.create_string_buffer(size.value)
@@ -946,8 +946,8 @@ def test_a_vector_too_short_for_a_state_is_refused(native):
 
 
 @pytest.mark.parametrize("name", ["three_bar_nsh", "two_bar"])
-def test_input_derivatives_are_the_kernels_slopes(name, native):
-    one, kernel = native(name, "stepping"), Kernel(scene(name))
+def test_input_derivatives_are_the_kernels_slopes(name, both):
+    one, kernel = both(name, "stepping"), Kernel(scene(name))
     kernel.initialize()
     rng = np.random.default_rng(5)
     inputs = one.names("input")
@@ -963,9 +963,9 @@ def test_input_derivatives_are_the_kernels_slopes(name, native):
         np.testing.assert_allclose(one.outputs(), kernel_outputs(kernel), rtol=1e-12, atol=1e-14)
 
 
-def test_both_orders_in_one_call_and_a_rest_length_without_its_rate(native):
+def test_both_orders_in_one_call_and_a_rest_length_without_its_rate(both):
     """A rest length that moves by its derivative is one that moves by the rate input, to the last bit."""
-    by_rate, by_slope, both = (native("three_bar", "stepping") for _ in range(3))
+    by_rate, by_slope, both = (both("three_bar", "stepping") for _ in range(3))
     by_rate.set({"s1.rest_length_rate": -0.05})
     by_slope.slopes({"s1.rest_length": -0.05})
     same(by_slope.walk(10), by_rate.walk(10))
@@ -981,8 +981,8 @@ def test_both_orders_in_one_call_and_a_rest_length_without_its_rate(native):
     np.testing.assert_allclose(both.outputs(), kernel_outputs(kernel), rtol=1e-12, atol=1e-14)
 
 
-def test_wrong_input_derivatives(native):
-    one, other = native("three_bar", "stepping"), native("three_bar", "stepping")
+def test_wrong_input_derivatives(both):
+    one, other = both("three_bar", "stepping"), both("three_bar", "stepping")
     good = one.serialised()
     for bad in (math.nan, math.inf, -math.inf):
         assert one.slopes({"n4.force.x": 7.0, "n4.force.z": bad}) == DISCARD
@@ -996,8 +996,8 @@ def test_wrong_input_derivatives(native):
 
 
 @pytest.mark.parametrize("name", ["three_bar_nsh", "six_bar"])
-def test_output_derivatives_are_the_kernels(name, native):
-    one, kernel = native(name, "stepping"), Kernel(scene(name))
+def test_output_derivatives_are_the_kernels(name, both):
+    one, kernel = both(name, "stepping"), Kernel(scene(name))
     kernel.initialize()
     outputs = one.names("output")
     one.set({"n4.force.z": 45.0})
@@ -1012,8 +1012,8 @@ def test_output_derivatives_are_the_kernels(name, native):
     assert shown["n4.z"] == pytest.approx(one.get("n4.velocity.z"), rel=1e-9)
 
 
-def test_output_derivatives_do_not_disturb_the_run(native):
-    one, other = native("three_bar_nsh", "stepping"), native("three_bar_nsh", "stepping")
+def test_output_derivatives_do_not_disturb_the_run(both):
+    one, other = both("three_bar_nsh", "stepping"), both("three_bar_nsh", "stepping")
     for k in range(200):
         for two in (one, other):
             two.set({"n4.force.z": 45.0 if k < 100 else 10.0})
@@ -1025,8 +1025,8 @@ def test_output_derivatives_do_not_disturb_the_run(native):
     same(one.output_derivatives(["n4.velocity.z"])[1], before)  # of the last step, whatever is set since
 
 
-def test_output_derivatives_follow_restored_states(native):
-    one = native("three_bar_nsh", "stepping")
+def test_output_derivatives_follow_restored_states(both):
+    one = both("three_bar_nsh", "stepping")
     one.set({"n4.force.z": 45.0})
     one.walk(5)
     first, data = one.output_derivatives(["n4.velocity.z"])[1], one.serialised()
@@ -1036,8 +1036,8 @@ def test_output_derivatives_follow_restored_states(native):
     same(one.output_derivatives(["n4.velocity.z"])[1], first)
 
 
-def test_wrong_output_derivatives(native):
-    one = native("three_bar_nsh", "stepping")
+def test_wrong_output_derivatives(both):
+    one = both("three_bar_nsh", "stepping")
     good = one.serialised()
     for order in (0, 2, -1):
         found = one.do("GetRealOutputDerivatives", one.references(["n4.z"]), 1, byref(c_int(order)), byref(c_double()))
@@ -1050,16 +1050,16 @@ def test_wrong_output_derivatives(native):
 # Several in one process
 
 
-def test_instances_and_fmus_do_not_touch_each_other(native):
+def test_instances_and_fmus_do_not_touch_each_other(both):
     alone = {}
     for name in ("three_bar_nsh", "two_bar"):
-        one = native(name, "stepping")
+        one = both(name, "stepping")
         one.set({"n4.force.z" if name == "three_bar_nsh" else one.names("input")[0]: 30.0})
         alone[name] = one.walk(20)
     pushed, still, planar = (
-        native("three_bar_nsh", "stepping"),
-        native("three_bar_nsh", "stepping"),
-        native("two_bar", "stepping"),
+        both("three_bar_nsh", "stepping"),
+        both("three_bar_nsh", "stepping"),
+        both("two_bar", "stepping"),
     )
     pushed.set({"n4.force.z": 30.0})
     planar.set({planar.names("input")[0]: 30.0})
@@ -1082,12 +1082,12 @@ def test_the_library_may_be_loaded_globally_beside_the_python_fmu(native, native
     assert python.get("n3.z") == one.get("n3.z")
 
 
-def test_the_resources_may_vanish_after_instantiation(native, native_folders, tmp_path):
+def test_the_resources_may_vanish_after_instantiation(both, tmp_path):
     copy = tmp_path / "gone"
-    shutil.copytree(native_folders["two_bar_nsh"], copy)
-    one = native(copy, "stepping")
+    shutil.copytree(both.folders["two_bar_nsh"], copy)
+    one = both(copy, "stepping")
     shutil.rmtree(copy / "resources")
-    same(one.walk(5), native("two_bar_nsh", "stepping").walk(5))
+    same(one.walk(5), both("two_bar_nsh", "stepping").walk(5))
     assert one.do("Reset") == OK and one.start() == OK
 
 
@@ -1122,8 +1122,8 @@ def test_simulate_fmu_ends_at_a_step_that_cannot_be_completed(runtime, settings,
     assert result["time"][-1] < 1.0 and len(result) < 200 and np.all(np.isfinite(result["n4.z"]))
 
 
-def test_a_discarded_step_asks_to_end_the_run_until_one_succeeds(native):
-    one, ended = native("three_bar", "stepping"), c_int(7)
+def test_a_discarded_step_asks_to_end_the_run_until_one_succeeds(both):
+    one, ended = both("three_bar", "stepping"), c_int(7)
 
     def asks():
         assert one.do("GetBooleanStatus", TERMINATED, byref(ended)) == OK

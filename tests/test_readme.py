@@ -17,7 +17,6 @@ from support import scene
 
 from fmu_src.interface import variables
 from fmu_src.model_description import LOG_CATEGORIES
-from fmu_src.native_fmu import SOLVER_CATEGORY
 from tensegrity_core.scene import scene_schema
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -209,4 +208,4 @@ def test_names_of_variables_in_the_readme_exist():
 def test_log_categories_are_documented():
     text = (ROOT / "docs" / "fmu.md").read_text(encoding="utf-8")
     found = re.findall(r"^\| `(log\w+)` \|", text, re.MULTILINE)
-    assert found == [*LOG_CATEGORIES, *SOLVER_CATEGORY]
+    assert found == [*LOG_CATEGORIES]

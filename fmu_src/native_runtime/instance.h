@@ -4,6 +4,7 @@
 #define TENSEGRITY_INSTANCE_H
 
 #include "fmi2Functions.h"
+#include "resources.h"
 #include "tensegrity.h"
 
 #include <stddef.h>
@@ -62,9 +63,6 @@ typedef struct {
 void fmu_log(const instance *fmu, int category, fmi2Status status, const char *format, ...);
 const char *fmu_number(double x, char text[32]);
 extern const char *const fmu_categories[LOG_CATEGORIES];
-
-/* resources.c: the whole of a file in the resources, malloc'ed; NULL with the reason in message. */
-char *fmu_resource(const char *location, const char *file, size_t *size, char *message, size_t capacity);
 
 /* checksum.c: of bytes, going on from another sum; FMU_CHECKSUM begins one. */
 #define FMU_CHECKSUM 14695981039346656037u

@@ -1,5 +1,5 @@
 /* Files of the FMU's resources folder, which the host names by a URI. */
-#include "instance.h"
+#include "resources.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -83,18 +83,16 @@ static char *read_all(FILE *file, size_t *size)
     char *bytes = (char *)malloc((size_t)length + 1);
     if (!bytes) return NULL;
     *size = fread(bytes, 1, (size_t)length, file);
+    bytes[*size] = 0;
     if (*size == (size_t)length) return bytes;
     free(bytes);
     return NULL;
 }
 
-char *fmu_resource(const char *location, const char *name, size_t *size, char *message, size_t capacity)
+char *fmu_resource_path(const char *location, const char *name)
 {
-    char *path = (char *)malloc(strlen(location) + strlen(name) + 2), *bytes = NULL;
-    if (!path) {
-        snprintf(message, capacity, "out of memory");
-        return NULL;
-    }
+    char *path = (char *)malloc(strlen(location) + strlen(name) + 2);
+    if (!path) return NULL;
 #if defined(_WIN32)
     decode(location, path, 1);
 #else
@@ -102,7 +100,16 @@ char *fmu_resource(const char *location, const char *name, size_t *size, char *m
 #endif
     size_t length = strlen(path);
     if (length && path[length - 1] != '/' && path[length - 1] != '\\') strcat(path, "/");
-    strcat(path, name);
+    return strcat(path, name);
+}
+
+char *fmu_resource(const char *location, const char *name, size_t *size, char *message, size_t capacity)
+{
+    char *path = fmu_resource_path(location, name), *bytes = NULL;
+    if (!path) {
+        snprintf(message, capacity, "out of memory");
+        return NULL;
+    }
     FILE *file = open_file(path);
     if (file) {
         bytes = read_all(file, size);

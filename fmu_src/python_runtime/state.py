@@ -1,7 +1,7 @@
 """What an instance knows beyond its kernel, and its form as bytes.
 
-Bytes, little-endian: magic; the FMU's identity (32); CRC-32 of all that follows; mode, flags; start, time, stop (s);
-number of refused references and the references; the kernel's state.
+Bytes, little-endian: magic; the FMU's identity (32); CRC-32 of all that follows; mode, flags; start, time, stop (s); the
+kernel's state.
 """
 
 from __future__ import annotations
@@ -9,14 +9,17 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-INSTANTIATED, INITIALIZATION, STEPPING, TERMINATED = range(4)
+#: Modes of the life cycle, as bits, so that sets of them are numbers, too.
+INSTANTIATED, INITIALIZATION, STEPPING, TERMINATED, ERROR = 1, 2, 4, 8, 16
+#: Modes in which values may be set, and read.
+SETTING, READING = INSTANTIATED | INITIALIZATION | STEPPING, INITIALIZATION | STEPPING | TERMINATED | ERROR
 
-_MAGIC = b"TSFMU\0\0\1"
+_MAGIC = b"TSFMU\0\0\2"
 _HEAD = struct.Struct("<8s32sI")
-_BODY = struct.Struct("<BBdddI")
-_INITIALIZED, _TOLERANCE_SET, _PENDING = 1, 2, 4
+_BODY = struct.Struct("<BBddd")
+_STALE, _TOLERANCE_SET, _DISCARDED = 1, 2, 4
 
 
 class StateError(Exception):
@@ -25,29 +28,26 @@ class StateError(Exception):
 
 @dataclass
 class State:
-    """mode: of the life cycle; start, time, stop: s; initialized: a start has been computed; tolerance_set: by the
-    host, so that fmi2SetupExperiment does not change it; pending: the next step is to be discarded; refused: value
-    references whose last value was refused.
+    """mode: of the life cycle; start, time, stop: s; stale: outputs are older than inputs (Initialization Mode);
+    tolerance_set: by the host, so that fmi2SetupExperiment does not change it; discarded: the last step was.
     """
 
     mode: int = INSTANTIATED
     start: float = 0.0
     time: float = 0.0
     stop: float = math.inf
-    initialized: bool = False
+    stale: bool = False
     tolerance_set: bool = False
-    pending: bool = False
-    refused: set[int] = field(default_factory=set)
+    discarded: bool = False
 
     def pack(self, identity: bytes, kernel: bytes) -> bytes:
-        flags = _INITIALIZED * self.initialized | _TOLERANCE_SET * self.tolerance_set | _PENDING * self.pending
-        body = _BODY.pack(self.mode, flags, self.start, self.time, self.stop, len(self.refused))
-        body += struct.pack(f"<{len(self.refused)}I", *sorted(self.refused)) + kernel
+        flags = _STALE * self.stale | _TOLERANCE_SET * self.tolerance_set | _DISCARDED * self.discarded
+        body = _BODY.pack(self.mode, flags, self.start, self.time, self.stop) + kernel
         return _HEAD.pack(_MAGIC, identity, zlib.crc32(body)) + body
 
     @classmethod
-    def unpack(cls, identity: bytes, data: bytes) -> tuple[State, bytes]:
-        """The state and the kernel's bytes.  Raises StateError."""
+    def unpack(cls, identity: bytes, data: bytes, size: int) -> tuple[State, bytes]:
+        """The state and the kernel's bytes, of which there are `size`.  Raises StateError."""
         if len(data) < _HEAD.size + _BODY.size:
             raise StateError("it is too short")
         magic, other, checksum = _HEAD.unpack_from(data)
@@ -55,20 +55,19 @@ class State:
             raise StateError("it is no state of this version")
         if other != identity:
             raise StateError("it belongs to another FMU")
+        if len(data) != _HEAD.size + _BODY.size + size:
+            raise StateError("it has been cut or lengthened")
         body = data[_HEAD.size :]
         if zlib.crc32(body) != checksum:
             raise StateError("it is damaged")
-        mode, flags, start, time, stop, count = _BODY.unpack_from(body)
-        at = _BODY.size + 4 * count
-        refused = set(struct.unpack_from(f"<{count}I", body, _BODY.size))
+        mode, flags, start, time, stop = _BODY.unpack_from(body)
         state = cls(
             mode=mode,
             start=start,
             time=time,
             stop=stop,
-            initialized=bool(flags & _INITIALIZED),
+            stale=bool(flags & _STALE),
             tolerance_set=bool(flags & _TOLERANCE_SET),
-            pending=bool(flags & _PENDING),
-            refused=refused,
+            discarded=bool(flags & _DISCARDED),
         )
-        return state, body[at:]
+        return state, body[_BODY.size :]

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import platform
+import sys
 from typing import NamedTuple
 
 import numpy as np
 
-from .state import INITIALIZATION, STEPPING
+from .state import INITIALIZATION, INSTANTIATED, SETTING
 
 _LARGEST = float(np.finfo(float).max)
 #: A host that asks for ever new lists of references must not fill the memory.
 _MAX_GROUPS = 256
 
-#: The last mode in which a variable of a causality and variability can be set; -1: never.
-_SETTABLE = {"input": STEPPING, "tunable": STEPPING, "fixed": INITIALIZATION, "output": -1}
+#: Modes in which a variable of a causality and variability can be set, as bits.
+_SETTABLE = {"input": SETTING, "tunable": SETTING, "fixed": INSTANTIATED | INITIALIZATION, "output": 0}
 
 
 class Group(NamedTuple):
-    """The references of one call.  index: into the block; low, high: bounds; settable: last mode in which all are."""
+    """The references of one call.  index: into the block; low, high: bounds; settable: modes in which all are."""
 
     index: np.ndarray | slice
     low: list
@@ -36,14 +38,14 @@ class Block:
     def __contains__(self, reference):
         return self.first <= reference < self.first + self.size and self._names[reference - self.first] != ""
 
-    def group(self, references) -> Group | None:
+    def group(self, references: memoryview) -> Group | None:
         """The references of a call, looked up once for each list of references; None where one does not exist."""
-        key = tuple(references)
+        key = references.tobytes()
         group = self._groups.get(key)
-        if group is None and key and all(reference in self for reference in key):
+        if group is None and key and all(reference in self for reference in references):
             if len(self._groups) >= _MAX_GROUPS:
                 self._groups.clear()
-            group = self._groups[key] = self._make(np.array(key) - self.first)
+            group = self._groups[key] = self._make(np.array(references, dtype=np.int64) - self.first)
         return group
 
     def _make(self, index):
@@ -52,7 +54,7 @@ class Block:
             index=slice(int(index[0]), int(index[-1]) + 1) if contiguous else index,
             low=self._low[index].tolist(),
             high=self._high[index].tolist(),
-            settable=int(self._settable[index].min()),
+            settable=int(np.bitwise_and.reduce(self._settable[index])),
         )
 
 
@@ -60,23 +62,38 @@ class Table:
     """data: see pack.variables_json.  names, settable: by value reference; reals, integers: the two blocks."""
 
     def __init__(self, data):
-        self.identity = bytes.fromhex(data["identity"])
-        self.library = data["library"]
+        self.guid, self.identity = data["guid"], bytes.fromhex(data["identity"])
+        self._libraries = data["libraries"]
         self.strings = data["strings"]
         self.tolerance = data["tolerance"]
         self.names = data["names"]
         self.settable = [_SETTABLE[role] for role in data["roles"]]
-        self._low = np.array([-_LARGEST if low is None else low for low in data["min"]])
-        self._high = np.array([_LARGEST if high is None else high for high in data["max"]])
-        reals, settable = data["reals"], np.array(self.settable)
-        self.reals = Block("Real", 0, self._low[:reals], self._high[:reals], settable[:reals], self.names[:reals])
-        self.integers = Block("Integer", reals, self._low[reals:], self._high[reals:], settable[reals:], self.names[reals:])
+        self.low = [-_LARGEST if low is None else low for low in data["min"]]
+        self.high = [_LARGEST if high is None else high for high in data["max"]]
+        reals = data["reals"]
+        low, high, settable = np.array(self.low), np.array(self.high), np.array(self.settable)
+        self.reals = Block("Real", 0, low[:reals], high[:reals], settable[:reals], self.names[:reals])
+        self.integers = Block("Integer", reals, low[reals:], high[reals:], settable[reals:], self.names[reals:])
+
+    @property
+    def library(self) -> str:
+        """The kernel's library for the platform that runs this, below the private package."""
+        machine = f"{sys.platform}/{platform.machine().lower()}"
+        if machine not in self._libraries:
+            known = ", ".join(self._libraries)
+            raise RuntimeError(f"this FMU has no kernel for {machine}, only for {known}; build it with --platforms")
+        return self._libraries[machine]
 
     def accepts(self, reference, value):
-        return bool(self._low[reference] <= value <= self._high[reference])
+        return self.low[reference] <= value <= self.high[reference]
 
-    def range_of(self, reference):
+    def bounds(self, reference):
         """What a value must be, in words."""
-        low, high = self._low[reference].item(), self._high[reference].item()
-        bounds = [f"at least {low:g}"] * (low > -_LARGEST) + [f"at most {high:g}"] * (high < _LARGEST)
-        return " and ".join(["it must be finite", *bounds])
+        low, high = self.low[reference], self.high[reference]
+        limits = [f", at least {number(low)}"] * (low > -_LARGEST) + [f", at most {number(high)}"] * (high < _LARGEST)
+        return "it must be finite" + "".join(limits)
+
+
+def number(x: float) -> str:
+    """A number that reads back as itself, as short as can be."""
+    return next((text for text in (f"{x:.{digits}g}" for digits in (15, 16)) if float(text) == x), f"{x:.17g}")

@@ -1,5 +1,6 @@
-"""Compile the C sources: the kernel into a shared library beside this file, and kernel and FMI functions into the library of
-the native FMU.  Called by the build of the package (pyproject.toml), and to build FMUs for other platforms.
+"""Compile the C sources: the kernel into a shared library beside this file, kernel and FMI functions into the library of the
+native FMU, and the library of the Python FMU.  Called by the build of the package (pyproject.toml), and to build FMUs for
+other platforms.
 
 The system's C compiler is used where there is one, else the one in the ``ziglang`` package, which the build then asks for.
 The FMI headers are those of the installed fmpy.
@@ -24,8 +25,12 @@ except ModuleNotFoundError:  # outside of a build of the package
 
 HERE = Path(__file__).resolve().parent
 RUNTIME = HERE.parent.parent / "fmu_src" / "native_runtime"
+PYTHON_RUNTIME = HERE.parent.parent / "fmu_src" / "python_runtime"
 LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
 FMU_LIBRARY = "tensegrity_fmu" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+PYTHON_LIBRARY = FMU_LIBRARY.replace("_fmu", "_python")
+#: Suffixes of files that the compiler reads.
+SOURCES = {".c", ".h", ".def"}
 #: Runs on any processor of the platform's baseline; contraction off, so that platforms agree to the last digits.
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden", "-shared"]
 
@@ -70,6 +75,30 @@ def runtime_sources() -> list[Path]:
     return sorted(RUNTIME.glob("*.c"))
 
 
+def python_runtime_sources() -> list[Path]:
+    """Of the Python FMU's library; it reads the resources as the native one does."""
+    return [*sorted(PYTHON_RUNTIME.glob("*.c")), RUNTIME / "resources.c"]
+
+
+def reads(kind: str) -> list[Path]:
+    """Files that determine a library, 'kernel', 'native' or 'python': sources, and how they are compiled."""
+    folders = {"kernel": [HERE], "native": [HERE, RUNTIME], "python": [PYTHON_RUNTIME]}[kind]
+    found = [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SOURCES]
+    if kind == "python":
+        found += sorted(RUNTIME.glob("resources.*"))
+    return [*found, HERE / Path(__file__).name]
+
+
+def file_name(kind: str, platform: str | None = None) -> str:
+    """Of a library; platform: a key of TARGETS, or None for this one."""
+    if platform is None:
+        return {"kernel": LIBRARY, "native": FMU_LIBRARY, "python": PYTHON_LIBRARY}[kind]
+    suffix = TARGETS[platform].suffix
+    if kind == "kernel":
+        return f"{'' if suffix == '.dll' else 'lib'}tensegrity{suffix}"
+    return f"tensegrity_{'fmu' if kind == 'native' else 'python'}{suffix}"
+
+
 def fmi_headers() -> Path:
     """Folder of the FMI headers.  Raises RuntimeError where fmpy is missing."""
     found = importlib.util.find_spec("fmpy")
@@ -83,7 +112,7 @@ def _compile(target: Path, command: list[str], sources: list[Path], options: lis
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         fresh = Path(scratch) / target.name
-        extra = [] if windows else ["-fPIC", "-lm"]
+        extra = [] if windows else ["-fPIC", "-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
         line = [*command, *FLAGS, *options, *map(str, sources), *extra, "-o", str(fresh)]
         run = subprocess.run(line, capture_output=True, text=True)
         if run.returncode:
@@ -98,15 +127,30 @@ def compile_library(directory: Path, command: list[str] | None = None) -> Path:
     return _compile(directory / LIBRARY, command, kernel_sources(), [], sys.platform == "win32")
 
 
-def compile_fmu_library(target: Path, platform: str | None = None) -> Path:
-    """The native FMU's library; platform: a key of TARGETS, then zig compiles for it, or None for this platform."""
-    command, windows = system_compiler() or zig(), sys.platform == "win32"
+def _compile_for(platform: str | None, target: Path, sources: list[Path], options: list[str]) -> Path:
+    """platform: a key of TARGETS, then zig compiles for it, or None for this platform."""
+    command, windows, darwin = system_compiler() or zig(), sys.platform == "win32", sys.platform == "darwin"
     if platform is not None:
-        command, windows = [*zig(), "-target", TARGETS[platform].triple], platform.startswith("win")
-    options = ["-DTS_INTERNAL", "-s", f"-I{fmi_headers()}", f"-I{HERE}"]
-    if platform and "darwin" in platform:  # else the folder of this compilation is written into the library
-        options.append(f"-Wl,-install_name,@rpath/{target.name}")
-    return _compile(target, command, runtime_sources() + kernel_sources(), options, windows)
+        command, windows, darwin = [*zig(), "-target", TARGETS[platform].triple], platform.startswith("win"), "darwin" in platform
+    if platform and darwin:  # else the folder of this compilation is written into the library
+        options = [*options, f"-Wl,-install_name,@rpath/{target.name}"]
+    return _compile(target, command, sources, ["-s", *options], windows)
+
+
+def compile_fmu_library(target: Path, platform: str | None = None) -> Path:
+    """The native FMU's library; platform: see _compile_for."""
+    options = ["-DTS_INTERNAL", f"-I{fmi_headers()}", f"-I{HERE}"]
+    return _compile_for(platform, target, runtime_sources() + kernel_sources(), options)
+
+
+def compile_python_library(target: Path, platform: str | None = None) -> Path:
+    """The Python FMU's library; platform: see _compile_for."""
+    return _compile_for(platform, target, python_runtime_sources(), [f"-I{fmi_headers()}", f"-I{RUNTIME}"])
+
+
+def compile_kernel(target: Path, platform: str | None = None) -> Path:
+    """The kernel for the Python FMU; platform: see _compile_for."""
+    return _compile_for(platform, target, kernel_sources(), [])
 
 
 class KernelHook(BuildHookInterface):
@@ -120,7 +164,11 @@ class KernelHook(BuildHookInterface):
     def initialize(self, version: str, build_data: dict) -> None:
         if self.target_name != "wheel":
             return
-        libraries = [compile_library(HERE), compile_fmu_library(RUNTIME / FMU_LIBRARY)]
+        libraries = [
+            compile_library(HERE),
+            compile_fmu_library(RUNTIME / FMU_LIBRARY),
+            compile_python_library(PYTHON_RUNTIME / PYTHON_LIBRARY),
+        ]
         build_data["pure_python"] = False
         build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["artifacts"] += [library.relative_to(Path(self.root)).as_posix() for library in libraries]

@@ -1,0 +1,13 @@
+/* Files of the FMU's resources folder, which the host names by a URI. */
+#ifndef TENSEGRITY_RESOURCES_H
+#define TENSEGRITY_RESOURCES_H
+
+#include <stddef.h>
+
+/* Path of a file in the resources, in UTF-8 or as the URI has its bytes, malloc'ed; NULL: out of memory. */
+char *fmu_resource_path(const char *location, const char *file);
+
+/* The whole of a file in the resources, with a 0 behind it, malloc'ed; NULL with the reason in message. */
+char *fmu_resource(const char *location, const char *file, size_t *size, char *message, size_t capacity);
+
+#endif

@@ -1,0 +1,60 @@
+"""Run by the FMU's library at each instantiation, which takes `bridge` from here.
+
+The modules have private names, so that FMUs of several versions run in one process; nothing is put on sys.path.  In the source
+tree this is a template: pack.py fills the name in.
+"""
+
+import hashlib
+import importlib
+import importlib.util
+import os
+import sys
+
+PRIVATE = "@PRIVATE@"
+FOLDER = os.path.dirname(os.path.abspath(__file__))
+
+
+class Refused(Exception):
+    """What the host is told."""
+
+
+def check():
+    """Refuse files that differ from those that were built; without the list of them nothing is checked."""
+    sums = os.path.join(FOLDER, "checksums.txt")
+    if not os.path.isfile(sums):
+        return
+    with open(sums, encoding="ascii", errors="replace") as file:
+        head, *lines = file.read().split("\n")
+    if head != "# %d files" % (len(lines) - 1) or lines[-1]:
+        raise Refused("resources/checksums.txt is damaged; unzip the FMU anew")
+    for line in lines[:-1]:
+        digest, _, name = line.partition("  ")
+        try:
+            with open(os.path.join(FOLDER, name), "rb") as file:
+                content = file.read()
+        except (OSError, ValueError) as error:
+            raise Refused("%s cannot be read; unzip the FMU anew" % os.path.join(FOLDER, name)) from error
+        if hashlib.sha256(content).hexdigest() != digest:
+            remedy = "unzip the FMU anew, or, if you changed the file, remove resources/checksums.txt"
+            raise Refused("resources/%s differs from what was built; %s" % (name, remedy))
+
+
+def package():
+    """The private package in sys.modules, by whichever of its FMUs came first."""
+    if PRIVATE not in sys.modules:
+        folder = os.path.join(FOLDER, PRIVATE)
+        start = os.path.join(folder, "__init__.py")
+        spec = importlib.util.spec_from_file_location(PRIVATE, start, submodule_search_locations=[folder])
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        sys.modules.setdefault(PRIVATE, module)
+
+
+check()
+try:
+    import numpy
+except ImportError as error:
+    version = "%d.%d" % sys.version_info[:2]
+    raise ImportError(f"NumPy is missing in Python {version} of {sys.prefix} ({error}): pip install numpy there") from error
+package()
+bridge = importlib.import_module(PRIVATE + ".python_runtime.bridge")
