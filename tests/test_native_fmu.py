@@ -608,6 +608,35 @@ def test_start_time_does_not_change_the_motion(both):
     assert late.said("string", "at t = 12.") and late.last_time() == 12.5 + 50 / 64
 
 
+@pytest.mark.parametrize("start", [1e3, 1e6, 1e8, 1.7e9, 1e12, -1.7e9])
+@pytest.mark.parametrize("adding", [False, True])
+def test_large_start_times_do_not_change_the_motion(start, adding, native):
+    """Unix time, say, where a double resolves 2.4e-7 s: to the last bit, up to the stop time, whether the host counts its steps
+    or adds them up."""
+    h, count = 1e-3, 200
+    early, late = native("three_bar_nsh", "stepping"), native("three_bar_nsh")
+    assert late.start(start_time=start, stop_time=start + count * h) == OK
+    early.set({"n4.force.z": 45.0})
+    late.set({"n4.force.z": 45.0})
+    time = start
+    for k in range(count):
+        assert early.step(k * h, h) == OK and late.step(time, h) == OK, late.messages
+        time = time + h if adding else start + (k + 1) * h
+    same(early.outputs(), late.outputs())
+    assert late.last_time() == pytest.approx(time, abs=1.5 * math.ulp(time))
+    if not adding:
+        assert late.step(time, h) == ERROR and late.said("stop time")
+
+
+@pytest.mark.parametrize("start", [0.0, 1e6, 1.7e9])
+def test_a_step_too_many_is_seen_at_any_start_time(start, native):
+    one, h, time = native("two_bar"), 1e-3, start
+    one.start(start_time=start, stop_time=start + 0.1)
+    while one.step(time, h) == OK:
+        time += h
+    assert time == pytest.approx(start + 0.1, abs=0.5 * h) and one.said("stop time")
+
+
 @pytest.mark.parametrize("force", [1e300, -1e308])
 def test_a_step_that_fails_is_discarded_and_changes_nothing(force, both):
     one, other = both("three_bar_nsh", "stepping"), both("three_bar_nsh", "stepping")

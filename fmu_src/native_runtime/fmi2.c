@@ -428,6 +428,14 @@ static void log_events(const instance *fmu)
 /* Round-off that a communication point may have: the host counts its own time. */
 static double slack(double time, double h) { return 1e-6 * h + 4.0 * DBL_EPSILON * fabs(time); }
 
+/* That the last step may have: a host that adds up its time has rounded it at each step, which is much at large times; but less
+ * than half a step, or it is a step too many. */
+static double slack_at_stop(const instance *fmu, double h)
+{
+    double steps = (fmu->time - fmu->start) / h;
+    return fmax(slack(fmu->stop, h), fmin(0.5 * h, steps * DBL_EPSILON * fabs(fmu->stop)));
+}
+
 /* Where the host's time and the FMU's have parted, or the stop time would be passed: why, or NULL. */
 static const char *wrong_time(const instance *fmu, double point, double h, char *text, size_t capacity)
 {
@@ -436,7 +444,7 @@ static const char *wrong_time(const instance *fmu, double point, double h, char 
     char a[32], b[32];
     if (!(fabs(point - fmu->time) <= slack(fmu->time, h))) {
         form = "the communication point is %s s, but the FMU stands at %s s";
-    } else if (fmu->stop_defined && point + h > fmu->stop + slack(fmu->stop, h)) {
+    } else if (fmu->stop_defined && point + h > fmu->stop + slack_at_stop(fmu, h)) {
         form = "the step from %s s would pass the stop time %s s";
         other = fmu->stop;
     }
