@@ -176,7 +176,7 @@ def turning_points(curve, start: float, end: float) -> list[float]:
     local = curve.local(start) if hasattr(curve, "local") else None
     width = end - start
     if local is None:
-        grid = np.linspace(start, end, 65)
+        grid = np.linspace(start, end, 65) if end < math.inf else start + np.append(0.0, np.ldexp(1.0, np.arange(-32, 32)))
         slopes = [curve.value(u)[1] for u in grid]
         turns = [i for i in range(64) if slopes[i] * slopes[i + 1] < 0.0]
         return [_zero(lambda u: curve.value(u)[1], grid[i], grid[i + 1]) for i in turns]

@@ -15,10 +15,7 @@ class SceneError(TensegrityError):
 
     def __init__(self, file: str, key: str, value: object, problem: str, remedy: str):
         self.file, self.key, self.value, self.problem, self.remedy = file, key, value, problem, remedy
-        shown = repr(value)
-        if len(shown) > 120:
-            shown = shown[:117] + "..."
-        super().__init__(f"{file}: {key} = {shown}: {problem}. {remedy}")
+        super().__init__(one_line(f"{file}: {_short(key)} = {_short(_written(value))}: {problem}. {remedy}"))
 
 
 class InputError(TensegrityError):
@@ -31,3 +28,19 @@ class SimulationError(TensegrityError):
     def __init__(self, status: str, message: str, time: float):
         self.status, self.time = status, time
         super().__init__(f"{status} at t = {time!r} s: {message}")
+
+
+def one_line(text: str) -> str:
+    """A text as one line that can be printed: control characters and the like as their escapes."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+def _written(value: object) -> str:
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):  # an integer of too many digits, data that is too deep
+        return f"a value of type {type(value).__name__}"

@@ -33,6 +33,7 @@ from .curves import EPS, TIE, Chain, PolynomialCurve, RiseCurve, Stretch, rise, 
 from .elements import Series
 from .errors import InputError, TensegrityError
 from .laws import Law, part_law
+from .quantities import number
 
 #: The flow starts this far from the state that lost its stability, as a part of the leading part's stretch.
 NUDGE = 1e-4
@@ -107,12 +108,16 @@ class Memory:
         return self._branches[key]
 
 
-@lru_cache(maxsize=1024)
 def memory(element: Series, k: float) -> Memory:
     """The memory of a series with law 'hysteretic' and the string's stiffness k (N/m).
 
     Raises InputError for a part or a stiffness out of range.
     """
+    return _memory(element, number("stiffness", k))
+
+
+@lru_cache(maxsize=1024)
+def _memory(element: Series, k: float) -> Memory:
     if not (math.isfinite(k) and k > 0.0):
         raise InputError(f"stiffness = {k!r} N/m: a series with memory needs the string's own stiffness; use one > 0")
     if not element.parts:
@@ -128,6 +133,7 @@ def start(element: Series, k: float) -> "Branch":
 def follow(branch: "Branch", x: float) -> tuple["Branch", list[Event]]:
     """The branch after a continuous way to the elongation x (m), and the changes of branch on it."""
     events: list[Event] = []
+    x = number("x", x)
     up = x > branch.upper
     while branch.upper < x if up else x < branch.lower:
         at = branch.upper if up else branch.lower
@@ -144,6 +150,7 @@ def elongation(element: Series, k: float, force: float) -> float:
 
     Raises InputError for a negative force and for one that the element never bears.
     """
+    force = number("force", force)
     if not (math.isfinite(force) and force >= 0.0):
         raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
     branch, passed = start(element, k), 0
@@ -193,23 +200,23 @@ class Branch:
 
     def force(self, x: float) -> float:
         """T at the elongation x (m), N; past a fold constant, past another end a second order Taylor polynomial."""
-        return self._value(x)[0]
+        return self._value(number("x", x))[0]
 
     def stiffness(self, x: float) -> float:
         """dT/dx, N/m; without bound towards a fold."""
-        return self._value(x)[1]
+        return self._value(number("x", x))[1]
 
     def energy(self, x: float) -> float:
         """Pi, J, at an elongation on the branch (m)."""
         if not self.taut:
             return math.fsum(part.stretches[n].curve.energy(u) for part, n, u in zip(self.memory.parts, self.at, self._rest))
-        return self.curve.energy(min(max(x, self.lower), self.upper))
+        return self.curve.energy(min(max(number("x", x), self.lower), self.upper))
 
     def displacements(self, x: float) -> np.ndarray:
         """(n,) m: u of each part at an elongation on the branch (m)."""
         if not self.taut:
             return np.array(self._rest)
-        moving = iter(self.curve.displacements(min(max(x, self.lower), self.upper)))
+        moving = iter(self.curve.displacements(min(max(number("x", x), self.lower), self.upper)))
         return np.array([part.end if n == len(part.stretches) else next(moving) for part, n in zip(self.memory.parts, self.at)])
 
     @cached_property

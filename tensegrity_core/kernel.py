@@ -17,6 +17,7 @@ from .errors import InputError, SimulationError, TensegrityError
 from .fields import COUNTS, FIELDS, INTEGER_FIELDS, METHODS, layout
 from .inputs import Inputs
 from .model import Model, to_bytes
+from .quantities import number
 from .result import Result, Transition
 
 LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
@@ -224,7 +225,7 @@ class Kernel:
 
     def initialize(self, time: float = 0.0) -> None:
         """Return to the scene's start at this time (s) under the present inputs and parameters; fills the outputs."""
-        status = self._library.ts_initialize(self._sim, time)
+        status = self._library.ts_initialize(self._sim, number("time", time))
         if status:
             self._raise(status)
 
@@ -233,7 +234,7 @@ class Kernel:
 
         Raises InputError (a value outside its range, a bad h) or SimulationError (status says why).
         """
-        status = self._library.ts_step(self._sim, h)
+        status = self._library.ts_step(self._sim, h if type(h) is float else number("h", h))
         if status:
             self._raise(status)
 
@@ -296,6 +297,7 @@ class Kernel:
         return y
 
     def _string(self, string: int) -> int:
+        string = int(string)
         if not 0 <= string < self.counts["S"]:
             raise InputError(f"string = {string!r}: there are {self.counts['S']} strings, counted from 0")
         if self._library.ts_breakpoints(self._sim, string, None, 0) < 0:
@@ -311,27 +313,27 @@ class Kernel:
         """Right-hand side at a state under the present pieces; tau: time since the last communication point, s."""
         y = self._state(y)
         dy = np.empty_like(y)
-        self._library.ts_derivative(self._sim, tau, _pointer(y), _pointer(dy))
+        self._library.ts_derivative(self._sim, number("tau", tau), _pointer(y), _pointer(dy))
         return dy
 
     def jacobian(self, y: np.ndarray, tau: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of the accelerations by q, q' (n, n) and t (n,)."""
         y, n = self._state(y), (len(y) - 3) // 2
         Jq, Jv, ft = np.empty((n, n)), np.empty((n, n)), np.empty(n)
-        self._library.ts_jacobian(self._sim, tau, *(_pointer(a) for a in (y, Jq, Jv, ft)))
+        self._library.ts_jacobian(self._sim, number("tau", tau), *(_pointer(a) for a in (y, Jq, Jv, ft)))
         return Jq, Jv, ft
 
     def string_law(self, string: int, elongation: float) -> tuple[float, float, float, int]:
         """Elastic tension (N), stiffness (N/m), energy (J) and piece of a string at an elongation (m); where it has memory, on
         a first loading."""
         out = np.empty(3)
-        piece = self._library.ts_string_law(self._sim, self._string(string), elongation, _pointer(out))
+        piece = self._library.ts_string_law(self._sim, self._string(string), number("elongation", elongation), _pointer(out))
         return out[0], out[1], out[2], piece
 
     def piece_law(self, string: int, piece: int, elongation: float) -> tuple[float, float, float]:
         """Elastic tension (N), stiffness (N/m) and energy (J) of a string on one of its pieces, continued past its ends."""
         out = np.empty(3)
-        if self._library.ts_piece_law(self._sim, self._string(string), piece, elongation, _pointer(out)) < 0:
+        if self._library.ts_piece_law(self._sim, self._string(string), int(piece), number("elongation", elongation), _pointer(out)) < 0:
             raise InputError(f"piece = {piece!r}: string {string} has {len(self.pieces(string))} pieces, counted from 0")
         return out[0], out[1], out[2]
 
@@ -340,14 +342,14 @@ class Kernel:
         has memory."""
         count = self._library.ts_curve_pieces(self._sim, self._string(string), None, 0)
         rows = (_Piece * count)()
-        self._library.ts_curve_pieces(self._sim, string, rows, count)
+        self._library.ts_curve_pieces(self._sim, int(string), rows, count)
         return [Piece(r.lo, r.hi, r.up, r.down, r.loss_up, r.loss_down, r.snapped, bool(r.slack)) for r in rows]
 
     def breakpoints(self, string: int) -> np.ndarray:
         """Elongations (m) at the ends of the pieces of a string's force curve, from 0; where it has memory, on a first
         loading."""
         out = np.empty(self._library.ts_breakpoints(self._sim, self._string(string), None, 0))
-        self._library.ts_breakpoints(self._sim, string, _pointer(out), len(out))
+        self._library.ts_breakpoints(self._sim, int(string), _pointer(out), len(out))
         return out
 
 

@@ -24,8 +24,9 @@ from scipy.interpolate import PchipInterpolator
 
 from . import nsh as honeycomb
 from .curves import TIE, BeamCurve, HeldCurve, PolynomialCurve, RiseCurve, Stretch, SumCurve, monotone, rise, stretch
-from .elements import Beam, Damper, Element, Parallel, Polynomial, Series, Spring, Table
+from .elements import BEAM_RANGES, Beam, Damper, Element, Parallel, Polynomial, Series, Spring, Table
 from .errors import InputError
+from .quantities import number
 
 #: A force this far below 0, as part of the largest force nearby, is round-off.
 ROUND_OFF = 1e-12
@@ -50,35 +51,39 @@ class Law:
 
     def force(self, x: float, k: float = 0.0) -> float:
         """Force at elongation x (m), N.  k: stiffness beyond the end, N/m."""
-        return self.force_on_piece(self.piece_of(x), x, k)
+        x = number("x", x)
+        return self._value(self.piece_of(x), x, number("k", k))[0]
 
-    def force_on_piece(self, number: int, x: float, k: float = 0.0) -> float:
+    def force_on_piece(self, piece: int, x: float, k: float = 0.0) -> float:
         """Force of one piece's own formula, N, smooth at every x (m): inside the piece it equals `force`."""
-        return self._value(number, x, k)[0]
+        return self._value(piece, float(x), float(k))[0]
 
     def stiffness(self, x: float, k: float = 0.0) -> float:
         """df/dx at elongation x (m), N/m; at a breakpoint that of the piece that ends there."""
-        return self._value(self.piece_of(x), x, k)[1]
+        x = number("x", x)
+        return self._value(self.piece_of(x), x, number("k", k))[1]
 
     def energy(self, x: float, k: float = 0.0) -> float:
         """Energy stored at elongation x (m), J."""
-        number = self.piece_of(x)
-        if number == 0:
+        x, k = number("x", x), number("k", k)
+        piece = self.piece_of(x)
+        if piece == 0:
             return 0.0
-        if number <= len(self.pieces):
-            return self.pieces[number - 1].curve.energy(x)
+        if piece <= len(self.pieces):
+            return self.pieces[piece - 1].curve.energy(x)
         past = x - self.end
         return self.pieces[-1].curve.energy(self.end) + past * (self.end_force + 0.5 * k * past)
 
-    def snapped_on_piece(self, number: int) -> int:
+    def snapped_on_piece(self, piece: int) -> int:
         """Beams, polynomials and tables past their force maximum on a piece."""
-        return self.pieces[min(number, len(self.pieces)) - 1].snapped if number else 0
+        return self.pieces[min(piece, len(self.pieces)) - 1].snapped if piece else 0
 
     def elongation(self, force: float, k: float | None = None) -> float:
         """Smallest elongation at which the law bears the force (N), m.
 
         Raises InputError for a negative force, and for one that the law never bears; beyond a stop k (N/m) is needed.
         """
+        force = number("force", force)
         if not (math.isfinite(force) and force >= 0.0):
             raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
         if force == 0.0:
@@ -96,12 +101,12 @@ class Law:
                              "use a smaller force, or give the stiffness k beyond")
         return self.end + (force - self.end_force) / k
 
-    def _value(self, number: int, x: float, k: float) -> tuple[float, float, float]:
-        if number == 0:
+    def _value(self, piece: int, x: float, k: float) -> tuple[float, float, float]:
+        if piece == 0:
             return 0.0, 0.0, 0.0
-        if number > len(self.pieces):
+        if piece > len(self.pieces):
             return self.end_force + k * (x - self.end), k, 0.0
-        return self.pieces[number - 1].curve.value(x)
+        return self.pieces[piece - 1].curve.value(x)
 
 
 def _merged(pieces: list[Stretch]) -> tuple[Stretch, ...]:
@@ -164,7 +169,9 @@ def _spring(spring: Spring) -> Law:
 
 
 def _beam(beam: Beam) -> Law:
-    _positive("beam", Q=beam.Q, zeta=beam.zeta, h=beam.h)
+    for name, (low, high) in BEAM_RANGES.items():
+        if not low <= getattr(beam, name) <= high:
+            raise InputError(f"beam.{name} = {getattr(beam, name)!r}: must be positive and finite, from {low:g} to {high:g}")
     curve, ends = BeamCurve(beam.Q, beam.zeta, beam.h), [0.0, 2.0 * beam.h]
     if beam.zeta > 2.0:
         extrema = honeycomb.beam_extrema(*curve)
@@ -366,11 +373,12 @@ class Damping:
 
     def force(self, rate: float) -> float:
         """N at a rate (m/s)."""
+        rate = number("rate", rate)
         return math.copysign(self._at(rate)[0], rate) if rate else 0.0
 
     def slope(self, rate: float) -> float:
         """df/drate, N s/m."""
-        return self._at(rate)[1]
+        return self._at(number("rate", rate))[1]
 
     def _at(self, rate: float) -> tuple[float, float, float]:
         size = abs(rate)

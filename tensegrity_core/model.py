@@ -14,6 +14,7 @@ import numpy as np
 from .elements import Beam, Damper, Element, Parallel, Polynomial, Series, Spring, Table
 from .errors import InputError
 from .fields import COUNTS, DAMPING_LAWS, FIELDS, METHODS
+from .quantities import array_of, floats, number
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,9 @@ class NSH:
     h: tuple[float, ...]
     law: str = "single_valued"
 
+    def __post_init__(self):
+        for name in ("Q", "zeta", "h"):
+            object.__setattr__(self, name, floats(f"nsh.{name}", getattr(self, name)))
 
     @property
     def element(self) -> Series:
@@ -56,6 +60,10 @@ class Actuator:
     damping: float
     torque_constant: float
     radius: float
+
+    def __post_init__(self):
+        for name in ("inertia", "damping", "torque_constant", "radius"):
+            object.__setattr__(self, name, number(f"actuator.{name}", getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -117,8 +125,19 @@ class Model:
     moving: tuple[int, ...] = ()
 
     def __post_init__(self):
+        if np.size(self.gravity) == 1:
+            object.__setattr__(self, "gravity", number("gravity", self.gravity))
+        else:
+            object.__setattr__(self, "gravity", tuple(array_of("gravity", self.gravity, (3,)).tolist()))
+        for name in ("point_mass", "drag"):
+            table = ((int(node), number(name, value)) for node, value in getattr(self, name))
+            object.__setattr__(self, name, tuple(table))
+        for name in ("axes", "moving"):
+            object.__setattr__(self, name, tuple(int(index) for index in getattr(self, name)))
         if self.velocity is None:
             object.__setattr__(self, "velocity", np.zeros_like(self.nodes, dtype=float))
+        for name in ("nsh", "element", "damper", "actuator"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for name in ("element", "damper", "actuator"):
             if not getattr(self, name):
                 object.__setattr__(self, name, (None,) * len(self.strings))
@@ -138,7 +157,10 @@ class Model:
                 raise InputError(f"{name} has the shape {getattr(self, name).shape}; give one of shape {shape}")
 
     def _freeze(self, name: str, dtype, shape=None):
-        array = np.array(getattr(self, name), dtype=dtype)
+        try:
+            array = np.array(getattr(self, name), dtype=dtype)
+        except (TypeError, ValueError):
+            raise InputError(f"{name} = {getattr(self, name)!r} is no array of numbers; give one") from None
         if shape is not None:
             array = array.reshape(shape)
         array.setflags(write=False)
@@ -254,8 +276,8 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "nsh_Q": np.array([x for nsh in beams for x in nsh.Q]),
         "nsh_zeta": np.array([x for nsh in beams for x in nsh.zeta]),
         "nsh_h": np.array([x for nsh in beams for x in nsh.h]),
-        "tolerance": np.array([tolerance]),
-        "max_step": np.array([max_step]),
+        "tolerance": np.array([number("tolerance", tolerance)]),
+        "max_step": np.array([number("max_step", max_step)]),
     }
 
 

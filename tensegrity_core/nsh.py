@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from .elements import BEAM_RANGES
 from .errors import InputError
 from .model import NSH
 
@@ -66,6 +67,7 @@ class Extrema(NamedTuple):
 
 def beam_extrema(Q: float, zeta: float, h: float) -> Extrema:
     """Extrema of a beam's force (eq. 14): x = 1 -+ s, f = 2 Q (1 +- (zeta - 2) s / 3).  Needs zeta > 2."""
+    Q, zeta, h = float(Q), float(zeta), float(h)
     if not zeta > 2.0:
         raise InputError(f"zeta = {zeta!r}: a beam with zeta <= 2 is monotone and has no extrema; use zeta > 2")
     s = _extremum_distance(zeta)
@@ -80,6 +82,7 @@ def beam_displacement(Q: float, zeta: float, h: float, f: float, region: str) ->
     Raises InputError where that region does not reach the force.
     """
     low, high = {"I": (-math.inf, 1.0), "II": (-1.0, 1.0), "III": (-1.0, math.inf)}[region]
+    Q, zeta, h, f = float(Q), float(zeta), float(h), float(f)
     reach = _reach(f / Q, zeta)
     if not low <= reach <= high:
         e = beam_extrema(Q, zeta, h)
@@ -180,8 +183,9 @@ def check(nsh: NSH) -> None:
                          "give one value of each per beam, and at least one beam")
     for name in ("Q", "h"):
         for i, value in enumerate(getattr(nsh, name), 1):
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"nsh.{name}[{i}] = {value!r}: must be positive and finite")
+            low, high = BEAM_RANGES[name]
+            if not low <= value <= high:
+                raise InputError(f"nsh.{name}[{i}] = {value!r}: must be positive and finite, from {low:g} to {high:g}")
     for i, zeta in enumerate(nsh.zeta, 1):
         if not 2.0 < zeta < 8.0:
             kind = "bistable" if zeta >= 8.0 else "monotone"
@@ -370,6 +374,8 @@ def piece_of(nsh: NSH, xi: float) -> int:
 
 def force(nsh: NSH, xi, k: float):
     """Force at elongation xi (m, float or array), N.  k: stiffness once bottomed out, N/m."""
+    k = float(k)
+
     def value(c, number, x):
         lead = c.pieces[number - 1].lead
         return beam_force(nsh.Q[lead], nsh.zeta[lead], 1.0, x)
@@ -378,6 +384,8 @@ def force(nsh: NSH, xi, k: float):
 
 def stiffness(nsh: NSH, xi, k: float):
     """df/dxi at elongation xi (m, float or array), N/m; at a breakpoint the derivative of the piece that ends there."""
+    k = float(k)
+
     def value(c, number, x):
         return _derivatives(nsh, c.pieces[number - 1], x)[0]
     return _evaluate(nsh, xi, lambda c, e: 0.0, value, lambda c, e: k)
@@ -385,6 +393,8 @@ def stiffness(nsh: NSH, xi, k: float):
 
 def energy(nsh: NSH, xi, k: float):
     """Energy stored at elongation xi (m, float or array), J: the sum over the beams, plus the string's own beyond."""
+    k = float(k)
+
     def stored(u):
         return math.fsum(beam_energy(nsh.Q[i], nsh.zeta[i], nsh.h[i], u[i]) for i in range(len(u)))
 
@@ -410,6 +420,7 @@ def snapped_on_piece(nsh: NSH, number: int) -> int:
 
 def displacements(nsh: NSH, xi: float) -> np.ndarray:
     """(n,) m: every beam's displacement at elongation xi (m)."""
+    xi = float(xi)
     c, number = curve(nsh), piece_of(nsh, xi)
     if number == 0:
         return np.zeros(len(nsh.Q))
@@ -425,14 +436,14 @@ def elongation(nsh: NSH, force: float, k: float | None = None) -> float:
     Raises InputError for a negative force, and for one above the end force max(4 Q) unless k (N/m), the stiffness once
     bottomed out, is given.
     """
-    c = curve(nsh)
+    c, force = curve(nsh), float(force)
     if not (math.isfinite(force) and force >= 0.0):
         raise InputError(f"force = {force!r} N: an NSH carries no such force; use a finite force >= 0")
     if force > c.end_force:
         if k is None:
             raise InputError(f"force = {force!r} N: the NSH has bottomed out at {c.end_force!r} N; "
                              "use a smaller force, or give the stiffness k beyond")
-        return c.breakpoints[-1] + (force - c.end_force) / k
+        return c.breakpoints[-1] + (force - c.end_force) / float(k)
     for piece in c.pieces:
         Q, zeta = nsh.Q[piece.lead], nsh.zeta[piece.lead]
         if not piece.snap and beam_force(Q, zeta, 1.0, piece.end) >= force:

@@ -14,6 +14,7 @@ import numpy as np
 
 from . import nsh as law
 from .errors import InputError
+from .quantities import number
 from .model import NSH
 
 RTOL, ATOL = 1e-12, 1e-14  # of the steps; m and m/s
@@ -29,6 +30,8 @@ class Oscillator:
     nsh: NSH | None = None
 
     def __post_init__(self):
+        for name in ("mass", "stiffness", "damping"):
+            object.__setattr__(self, name, number(name, getattr(self, name)))
         for name, least in (("mass", "greater than 0"), ("stiffness", "at least 0"), ("damping", "at least 0")):
             value = getattr(self, name)
             if not (np.isfinite(value) and (value > 0.0 or (value == 0.0 and name != "mass"))):

@@ -34,6 +34,7 @@ from . import statics
 from .equilibrium import Equations, Loading, Tangent
 from .errors import TensegrityError
 from .model import Model
+from .quantities import array_of, number
 
 LONGEST = 0.02  # longest step, as part of the shortest bar
 WHOLE_WAY = 0.05  # what all of p's way weighs in the arc, as part of the shortest bar
@@ -520,8 +521,11 @@ def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None
     after unstable ones.
     Raises PathError.
     """
+    start, goal = number("start", start), number("goal", goal)
     loading.check(start, goal)
     equations = Equations(loading)
+    if nodes is not None:
+        nodes = array_of("nodes", nodes, loading.model.nodes.shape)
     scale = scale_of(loading.model, start, goal)
     first = point_at(equations, scale, loading.model.nodes if nodes is None else nodes, start, goal - start)
     return follow_from(equations, scale, first, start, goal, most_points, stop)

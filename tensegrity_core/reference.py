@@ -51,6 +51,7 @@ from .hysteresis import NoStableState, follow
 from .inputs import Inputs
 from .model import Model
 from .moved import jumped, path
+from .quantities import number
 from .result import Result, Transition
 
 
@@ -586,6 +587,7 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
     """
     if method not in ("auto", *METHODS):
         raise InputError(f"method = {method!r}: use 'auto' or one of {', '.join(METHODS)}")
+    rtol, atol = number("rtol", rtol), number("atol", atol)
     _check_inputs(model, inputs)
     run = _Run(model, inputs.resolved(model), rtol, atol, method)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):    # every step is checked to be finite

@@ -9,12 +9,12 @@ from __future__ import annotations
 import difflib
 import json
 import math
-import re
-import tomllib
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Iterator, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Discriminator,
@@ -25,12 +25,11 @@ from pydantic import (
     Tag,
     ValidationError,
 )
+from pydantic_core import PydanticCustomError
 
-from . import elements
+from . import costs, elements, scene_files
 from .errors import SceneError
-
-SCENE_FOLDER = Path(__file__).parent / "scenes"
-BUILTIN_SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
+from .scene_files import BUILTIN_SCENES, EXTENDS_MEANING, IDENTIFIER, SCENE_FOLDER, lookup, place_of
 
 #: Axes that a scene uses -> their places among x, y, z.
 PLANES = {None: (0, 1, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -48,27 +47,56 @@ VARIABLE_WORDS = frozenset(
 )
 
 SHORTEST = 1e-9  # m: below this a member has no usable direction
+LONGEST_NAME = 128  # letters
+MOST_LEVELS = 20  # of elements in each other
+MOST_PARTS = 1000  # elements that one string may be made of
+MOST_MEMORY = 12  # beams and other parts that snap in one series with memory
+MOST_BEAMS = 60  # of an NSH without memory
+MOST_COST = 4.0  # s, about what working out all force laws may take; see `costs`
 
-IDENTIFIER = r"^[A-Za-z][A-Za-z0-9_]*$"
-Name = Annotated[str, StringConstraints(pattern=IDENTIFIER)]
+Name = Annotated[str, StringConstraints(pattern=IDENTIFIER, max_length=LONGEST_NAME)]
 #: One line of what XML 1.0 can hold, since a scene's texts go into an FMU's model description.
-Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0A-\x1F\uFFFE\uFFFF]*$")]
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, le=1e15, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, le=1e15, allow_inf_nan=False)]
-Component = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
+Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0A-\x1F\uFFFE\uFFFF]*$", max_length=10_000)]
+
+
+def _between(low: float, high: float, *more):
+    return Annotated[float, Field(ge=low, le=high, allow_inf_nan=False), *more]
+
+
+def _not_tiny(least: float) -> AfterValidator:
+    """Sizes below this are refused but for 0: nothing would be left of their squares and cubes."""
+
+    def check(value: float) -> float:
+        if 0.0 < abs(value) < least:
+            raise PydanticCustomError("tiny", "is closer to 0 than {least} without being 0", {"least": least})
+        return value
+
+    return AfterValidator(check)
+
+
+# What no structure has is refused here, so that squares, cubes and ratios of what is left are numbers.  SI units.
+Coordinate = _between(-1e6, 1e6)
+Positive = _between(1e-15, 1e15)
+NotNegative = _between(0.0, 1e15, _not_tiny(1e-15))
+Component = _between(-1e9, 1e9)
+ForceScale = _between(*elements.BEAM_RANGES["Q"])
+Shape = _between(*elements.BEAM_RANGES["zeta"])
+Length = _between(*elements.BEAM_RANGES["h"])
+RestLength = _between(0.0, 1e7)
 Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
 Ends = Annotated[tuple[str, str], Strict(False)]
-Beams = Annotated[tuple[Positive, ...], Strict(False), Field(min_length=1)]
+Scales = Annotated[tuple[ForceScale, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
+Zetas = Annotated[tuple[Shape, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
+Heights = Annotated[tuple[Length, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
 #: A number or a vector; the tags tell pydantic which of the two to check, and stand in the places of its findings.
 Gravity = Annotated[
-    Annotated[NotNegative, Tag("[number]")]
+    Annotated[_between(0.0, 1e9), Tag("[number]")]
     | Annotated[tuple[Component, Component, Component], Strict(False), Tag("[vector]")],
     Discriminator(lambda value: "[vector]" if isinstance(value, (list, tuple)) else "[number]"),
 ]
-Number = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
-Coefficients = Annotated[tuple[Number, ...], Strict(False), Field(min_length=1, max_length=7)]
-Points = Annotated[tuple[Number, ...], Strict(False), Field(min_length=2)]
+Coefficients = Annotated[tuple[_between(-1e15, 1e15, _not_tiny(1e-15)), ...], Strict(False), Field(min_length=1, max_length=7)]
+Abscissas = Annotated[tuple[_between(0.0, 1e6, _not_tiny(1e-12)), ...], Strict(False), Field(min_length=2)]
+Forces = Annotated[tuple[_between(-1e12, 1e12, _not_tiny(1e-15)), ...], Strict(False), Field(min_length=2)]
 Names = Annotated[tuple[str, ...], Strict(False), Field(min_length=1)]
 SeriesLaw = Literal["single_valued", "hysteretic"]
 Shapes = Literal["metastable", "any"]
@@ -91,9 +119,9 @@ class Material(Entry):
 class Honeycomb(Entry):
     """A negative stiffness honeycomb (NSH): curved beams in series, eq. 11; one value per beam in each list."""
 
-    Q: Beams = Field(description="force scale of each beam in N, a list of numbers greater than 0")
-    zeta: Beams = Field(description="shape parameter of each beam, a list of numbers between 2 and 8 (metastable)")
-    h: Beams = Field(description="arch height of each beam in m, a list of numbers greater than 0")
+    Q: Scales = Field(description="force scale of each beam in N, a list of numbers greater than 0")
+    zeta: Zetas = Field(description="shape parameter of each beam, a list of numbers between 2 and 8 (metastable)")
+    h: Heights = Field(description="arch height of each beam in m, a list of numbers greater than 0")
     law: SeriesLaw = Field(
         "single_valued",
         description='"single_valued" (one force per elongation, Algorithm 1) or "hysteretic" (beams with memory: they snap '
@@ -112,15 +140,15 @@ class Element(Entry):
         description='"spring", "beam", "polynomial", "table", "series" or "parallel"'
     )
     stiffness: Positive | None = Field(None, description="of a spring: its stiffness in N/m, greater than 0")
-    Q: Positive | None = Field(None, description="of a beam: its force scale in N, greater than 0")
-    zeta: Positive | None = Field(None, description="of a beam: its shape parameter, between 2 and 8 (metastable)")
-    h: Positive | None = Field(None, description="of a beam: its arch height in m, greater than 0")
+    Q: ForceScale | None = Field(None, description="of a beam: its force scale in N, greater than 0")
+    zeta: Shape | None = Field(None, description="of a beam: its shape parameter, between 2 and 8 (metastable)")
+    h: Length | None = Field(None, description="of a beam: its arch height in m, greater than 0")
     beams: Shapes | None = Field(None, description='of a beam: "metastable" (2 < zeta < 8, the default) or "any"')
     coefficients: Coefficients | None = Field(
         None, description="of a polynomial: 1 to 7 coefficients of x, x^2, ... in N/m, N/m2, ..."
     )
-    elongation: Points | None = Field(None, description="of a table: elongations in m, increasing from 0, at least two")
-    force: Points | None = Field(None, description="of a table: the force in N at each elongation, the first 0")
+    elongation: Abscissas | None = Field(None, description="of a table: elongations in m, increasing from 0, at least two")
+    force: Forces | None = Field(None, description="of a table: the force in N at each elongation, the first 0")
     interpolation: Interpolation | None = Field(
         None, description='of a table: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
     )
@@ -136,8 +164,8 @@ class Damper(Entry):
     coefficients: Coefficients | None = Field(
         None, description="1 to 7 coefficients of v, v^2, ... in N s/m, N s2/m2, ..., v the size of the rate of elongation"
     )
-    rate: Points | None = Field(None, description="rates of elongation in m/s, increasing from 0, at least two")
-    force: Points | None = Field(None, description="the force in N at each rate, the first 0")
+    rate: Abscissas | None = Field(None, description="rates of elongation in m/s, increasing from 0, at least two")
+    force: Forces | None = Field(None, description="the force in N at each rate, the first 0")
     interpolation: Interpolation | None = Field(
         None, description='between points: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
     )
@@ -149,7 +177,7 @@ class Actuator(Entry):
     inertia: Positive = Field(description="moment of inertia J_a of motor and drum in kg m2, greater than 0")
     damping: NotNegative = Field(0.0, description="damping d_a of the motor in N m s, 0 or more")
     torque_constant: Positive = Field(description="torque per current k_a in N m/A, greater than 0")
-    radius: Positive = Field(description="radius r of the drum in m, greater than 0 (1 for a linear motor)")
+    radius: Length = Field(description="radius r of the drum in m, greater than 0 (1 for a linear motor)")
 
 
 class Bar(Entry):
@@ -184,7 +212,7 @@ class Prestress(Entry):
     tension: dict[str, NotNegative] = Field(
         default_factory=dict, description="string name = tension in N at the given coordinates, 0 or more"
     )
-    rest_length: dict[str, NotNegative] = Field(
+    rest_length: dict[str, RestLength] = Field(
         default_factory=dict, description="string name = rest length in m, 0 or more"
     )
 
@@ -283,7 +311,8 @@ class Scene(Entry):
         if entry.kind == "table":
             return elements.Table(entry.elongation, entry.force, entry.interpolation or "linear")
         parts = tuple(self.element(part) for part in entry.parts)
-        return elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
+        grouped = elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
+        return elements.simplified(grouped)
 
     def damper(self, name: str) -> elements.Damper:
         """The damper of this name."""
@@ -310,8 +339,9 @@ class Scene(Entry):
 
     def error(self, key: str, problem: str, remedy: str, value: Any = None) -> SceneError:
         """The error for a key of this scene: fills in the file that holds the key, and its value."""
-        shown = _lookup(self._raw, key) if value is None else value
-        return _error(self._file, self._origin, key, shown, problem, remedy)
+        place = place_of(key)
+        shown = lookup(self._raw, place) if value is None else value
+        return scene_files.error(self._file, self._origin, place, shown, problem, remedy)
 
 
 # --- loading -----------------------------------------------------------------------------------------------------
@@ -328,18 +358,19 @@ def load_scene(name_or_path: str | Path) -> Scene:
     Raises SceneError for a scene that cannot become a model.
     """
     path = _find(name_or_path)
-    raw, origin = _read(path, ())
-    raw.setdefault("name", path.stem)
-    return _checked(raw, origin, str(path))
+    raw, origin = scene_files.read(path)
+    return _checked({"name": path.stem} | raw, origin, str(path))
 
 
 def parse_scene(data: dict[str, Any], file: str = "<data>") -> Scene:
     """Check a scene given as nested dicts, the form that the TOML file has; `file` is what error messages call it."""
-    raw, origin = _extended(dict(data), Path(file), ())
+    if not isinstance(data, dict):
+        raise SceneError(file, "(scene)", data, "is not a table", "Give a dict with the keys of a scene file.")
+    raw, origin = scene_files.extended(data, Path(file))
     return _checked(raw, origin, file)
 
 
-def _checked(raw: dict, origin: dict, file: str) -> Scene:
+def _checked(raw: dict, origin: scene_files.Origin, file: str) -> Scene:
     try:
         scene = Scene.model_validate(raw)
     except ValidationError as failure:
@@ -356,152 +387,48 @@ def _find(name_or_path: str | Path) -> Path:
     if text in BUILTIN_SCENES:
         return SCENE_FOLDER / f"{text}.toml"
     if not text.endswith(".toml"):
-        close = difflib.get_close_matches(text, BUILTIN_SCENES, 1)
+        close = _close(text, BUILTIN_SCENES)
         remedy = f"Did you mean {close[0]}? " if close else ""
         remedy += f"Give a path that ends in .toml, or one of {', '.join(BUILTIN_SCENES)}."
         raise SceneError(text, "(scene)", text, "is neither a built-in scene nor a .toml file", remedy)
     return Path(text)
 
 
-def _read(path: Path, below: tuple[Path, ...]) -> tuple[dict, dict]:
-    """The file's tables, joined with those that it extends, and for each key the file that it stands in."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        remedy = f"Check the path; built-in scenes are {', '.join(BUILTIN_SCENES)}."
-        raise SceneError(str(path), "(file)", str(path), "does not exist", remedy) from None
-    except OSError as failure:
-        reason = failure.strerror or type(failure).__name__
-        raise SceneError(str(path), "(file)", str(path), f"cannot be read: {reason}", "Name a readable file.") from None
-    except UnicodeDecodeError as failure:
-        problem = f"is not UTF-8 text (byte {failure.start})"
-        raise SceneError(str(path), "(file)", str(path), problem, "Save the file as UTF-8.") from None
-    try:
-        raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as failure:
-        raise _syntax_error(path, text, failure) from None
-    return _extended(raw, path, below)
-
-
-def _syntax_error(path: Path, text: str, failure: Exception) -> SceneError:
-    place = re.search(r"line (\d+)", str(failure))
-    number = int(place.group(1)) if place else None
-    lines = text.splitlines()
-    value = lines[number - 1].strip() if number and number <= len(lines) else ""
-    problem = f"is not TOML: {failure}"
-    if "overwrite" in str(failure) or "twice" in str(failure):
-        problem, remedy = f"a name is used twice: {failure}", "Rename or remove one of the two."
-    else:
-        remedy = "Correct the line; the form is described at https://toml.io."
-    return SceneError(str(path), f"line {number}" if number else "(end of file)", value, problem, remedy)
-
-
-def _extended(raw: dict, path: Path, below: tuple[Path, ...]) -> tuple[dict, dict]:
-    """Join a scene with those that its key `extends` names: tables join, anything else replaces."""
-    origin = {key: str(path) for key in _dotted(raw)}
-    if "extends" not in raw:
-        return raw, origin
-    bases = raw.pop("extends")
-    bases = [bases] if isinstance(bases, str) else bases
-    if not (isinstance(bases, list) and bases and all(isinstance(base, str) for base in bases)):
-        raise SceneError(str(path), "extends", bases, "names no scene", f"Give {EXTENDS_MEANING}.")
-    whole: dict = {}
-    origins: dict = {}
-    for base in bases:
-        base_raw, base_origin = _read(_base_path(path, base, below), (*below, path.resolve()))
-        base_raw.pop("name", None)
-        whole, origins = _joined(whole, base_raw), origins | base_origin
-    return _joined(whole, raw), origins | origin
-
-
-def _base_path(path: Path, base: str, below: tuple[Path, ...]) -> Path:
-    """Where the scene stands that `path` extends; `below`: the files that led to `path`."""
-    found = path.parent / base if base.endswith(".toml") else SCENE_FOLDER / f"{base}.toml"
-    if not re.fullmatch(IDENTIFIER, base) and not base.endswith(".toml") or not found.is_file():
-        raise SceneError(str(path), "extends", base, f"{found} does not exist", f"Give {EXTENDS_MEANING}.")
-    if found.resolve() in (*below, path.resolve()):
-        raise SceneError(str(path), "extends", base, "closes a circle of scenes", "Extend a scene outside it.")
-    return found
-
-
-EXTENDS_MEANING = (
-    "the scene that this one changes: a path that ends in .toml (relative to this file), or a built-in scene's name; "
-    "or a list of them, where later ones change earlier ones"
-)
-
-
-def _joined(base: Any, change: Any) -> Any:
-    if not (isinstance(base, dict) and isinstance(change, dict)):
-        return change
-    joined = dict(base)
-    for key, value in change.items():
-        joined[key] = _joined(base[key], value) if key in base else value
-    return joined
-
-
-def _dotted(table: dict, prefix: str = "") -> Iterator[str]:
-    """Dotted paths of all that is not a table."""
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _dotted(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}"
-
-
 # --- messages ----------------------------------------------------------------------------------------------------
-
-
-def _lookup(raw: Any, key: str) -> Any:
-    for part in re.split(r"\.|\[", key):
-        if isinstance(raw, dict):
-            raw = raw.get(part)
-        elif isinstance(raw, (list, tuple)) and part.rstrip("]").isdigit():
-            at = int(part.rstrip("]")) - 1
-            raw = raw[at] if at < len(raw) else None
-        else:
-            return None
-    return raw
-
-
-def _error(file: str, origin: dict, key: str, value: Any, problem: str, remedy: str) -> SceneError:
-    """`file` is the one that was loaded; the key may stand in one that it extends."""
-    parts = re.split(r"\.|\[", key)
-    for n in range(len(parts), 0, -1):
-        found = origin.get(".".join(parts[:n]))
-        if found:
-            return SceneError(found, key, value, problem, remedy)
-    return SceneError(file, key, value, problem, remedy)
 
 
 def _translated(failure: ValidationError, raw: dict, origin: dict, file: str) -> SceneError:
     """The first of pydantic's findings in our own words; unknown keys come first, since a misspelt key is missing, too."""
     findings = failure.errors(include_url=False)
     finding = next((one for one in findings if one["type"] == "extra_forbidden"), findings[0])
-    place, kind = [part for part in finding["loc"] if part != "[key]"], finding["type"]
+    place, kind = tuple(part for part in finding["loc"] if part != "[key]"), finding["type"]
     if place[0] == "gravity":
-        place = [part for part in place if part not in ("[number]", "[vector]")]
+        place = tuple(part for part in place if part not in ("[number]", "[vector]"))
     is_key = finding["loc"][-1] == "[key]"
     owner, field = _described(place)
-    key = _key(place)
-    value = place[-1] if is_key else _lookup(raw, key)
-    if is_key:
+    value = place[-1] if is_key else lookup(raw, place)
+    if is_key and kind == "string_too_long":
+        problem, remedy = _problem(kind, finding, value), "Choose a shorter name."
+    elif is_key:
         problem, remedy = "is not an identifier", "Start with an ASCII letter; go on with letters, digits and _."
     elif kind == "extra_forbidden":
         problem = "is not a key of a scene file"
-        close = difflib.get_close_matches(str(place[-1]), owner.model_fields, 1)
+        close = _close(str(place[-1]), owner.model_fields)
         hint = f"Did you mean {close[0]}? " if close else ""
         remedy = f"{hint}Keys here: {', '.join(owner.model_fields)}."
     else:
-        problem = _problem(kind, finding)
+        problem = _problem(kind, finding, value)
         remedy = f"Give {field.description}."
     if kind == "missing" and isinstance(place[-1], int):  # a pair with one end
-        key = _key(place[:-1])
-        value, problem = _lookup(raw, key), "has too few entries"
-    return _error(file, origin, key, value, problem, remedy)
+        place = place[:-1]
+        value, problem = lookup(raw, place), "has too few entries"
+    return scene_files.error(file, origin, place, value, problem, remedy)
 
 
-def _problem(kind: str, finding: dict) -> str:
+def _problem(kind: str, finding: dict, value: Any) -> str:
     context = finding.get("ctx", {})
+    if kind == "greater_than_equal" and context["ge"] > 0.0 >= value:
+        return "is not greater than 0"
     known = {
         "missing": "is missing",
         "finite_number": "is not a finite number",
@@ -516,20 +443,13 @@ def _problem(kind: str, finding: dict) -> str:
         "too_short": "has too few entries",
         "too_long": "has too many entries",
         "literal_error": "is not one of {expected}",
+        "string_too_long": "has more than {max_length} letters",
         "string_pattern_mismatch": "has a form that is not allowed",
     }
-    return known.get(kind, finding["msg"]).format(**context)
+    return known[kind].format(**context) if kind in known else finding["msg"]
 
 
-def _key(place: list) -> str:
-    """Dotted key; entries of a list count from 1, as in `nsh.article.zeta[2]`."""
-    key = ""
-    for part in place:
-        key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
-    return key
-
-
-def _described(place: list) -> tuple[type[Entry], Any]:
+def _described(place: tuple) -> tuple[type[Entry], Any]:
     """The table that holds a place, and the field whose description says what belongs there."""
     owner, field = Scene, None
     tables = {"materials": Material, "nsh": Honeycomb, "elements": Element, "dampers": Damper, "actuators": Actuator}
@@ -594,8 +514,7 @@ def _check_references(scene: Scene) -> Iterator[SceneError]:
     for at, name in enumerate(scene.fixed, 1):
         if name not in scene.nodes:
             yield scene.error(f"fixed[{at}]", "is no node", _choose(name, scene.nodes))
-        if name in scene.fixed[: at - 1]:
-            yield scene.error(f"fixed[{at}]", "is listed twice", "Remove one of the two.")
+    yield from _twice(scene, "fixed", scene.fixed)
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
             for at, node in enumerate(member.nodes, 1):
@@ -622,17 +541,33 @@ def _check_references(scene: Scene) -> Iterator[SceneError]:
                 yield scene.error(f"prestress.{key}.{name}", problem, "Keep one of the two.")
 
 
+def _twice(scene: Scene, key: str, names: tuple[str, ...]) -> Iterator[SceneError]:
+    seen: set[str] = set()
+    for at, name in enumerate(names, 1):
+        if name in seen:
+            yield scene.error(f"{key}[{at}]", "is listed twice", "Remove one of the two.")
+        seen.add(name)
+
+
 def _choose(wanted: str, names) -> str:
-    close = difflib.get_close_matches(wanted, list(names), 1)
+    close = _close(wanted, names)
     if close:
         return f"Did you mean {close[0]}?"
-    listed = list(names)
+    listed = list(islice(names, 13))
     shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
     return f"Choose from: {shown}." if listed else "There is none yet: add it."
 
 
+def _close(wanted: str, names) -> list[str]:
+    """The name that is most like a wanted one, if any is; not looked for where that would take long."""
+    if len(wanted) > LONGEST_NAME or len(names) > 5000:
+        return []
+    return difflib.get_close_matches(wanted, list(names), 1)
+
+
 def _check_members(scene: Scene) -> Iterator[SceneError]:
     owner: dict[str, str] = {}
+    fixed = set(scene.fixed)
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
             key = f"{kind}.{name}.nodes"
@@ -648,18 +583,21 @@ def _check_members(scene: Scene) -> Iterator[SceneError]:
                 remedy = "Only one bar may meet a node (class 1): join bars by strings between their own nodes."
                 yield scene.error(f"bars.{name}.nodes", problem, remedy)
             owner[node] = name
-        if all(node in scene.fixed for node in bar.nodes):
+        if all(node in fixed for node in bar.nodes):
             problem = "both ends are fixed, so the bar cannot move"
             yield scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
     for node in scene.nodes:
-        if node not in owner and node not in scene.fixed:
+        if node not in owner and node not in fixed:
             problem = "is neither fixed nor on a bar"
             problem += ", so it cannot be simulated" if node in scene.point_masses else ", so it has no mass"
             yield scene.error(f"nodes.{node}", problem, "Put it on a bar, or list it in fixed.")
 
 
 def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
+    total = 0.0
     for name, nsh in scene.nsh.items():
+        if nsh.law == "hysteretic" and len(nsh.Q) > MOST_MEMORY:
+            yield scene.error(f"nsh.{name}.Q", f"has {len(nsh.Q)} beams", f"Use at most {MOST_MEMORY} in an NSH with memory.")
         for key in ("zeta", "h"):
             if len(getattr(nsh, key)) != len(nsh.Q):
                 problem = f"has {len(getattr(nsh, key))} beams where Q has {len(nsh.Q)}"
@@ -673,24 +611,29 @@ def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
             if zeta <= 2.0 and nsh.law == "single_valued":
                 problem = "makes the beam monotone, which an NSH without memory does not know"
                 yield scene.error(key, problem, 'Write law = "hysteretic", or a series of such beams in [elements].')
+        users = {scene.stiffness(string) for string, one in scene.strings.items() if one.nsh == name}
+        total += costs.honeycomb(len(nsh.Q), nsh.law) * (len(users) if nsh.law == "hysteretic" else bool(users))
+        if total > MOST_COST:
+            problem = "takes too long to work out, here or with those before it"
+            yield scene.error(f"nsh.{name}.Q", problem, "Use fewer beams, or fewer different ones.")
 
 
 def _check_loads(scene: Scene) -> Iterator[SceneError]:
     """Point masses, drag and moved nodes."""
+    fixed = set(scene.fixed)
     for key in ("point_masses", "drag"):
         for name in getattr(scene, key):
             if name not in scene.nodes:
                 yield scene.error(f"{key}.{name}", "is no node", _choose(name, scene.nodes))
-            if key == "drag" and name in scene.fixed:
+            if key == "drag" and name in fixed:
                 yield scene.error(f"drag.{name}", "the node is fixed, so it has no drag", "Name a free node, or leave it out.")
     for at, name in enumerate(scene.moving, 1):
         if name not in scene.nodes:
             yield scene.error(f"moving[{at}]", "is no node", _choose(name, scene.fixed))
-        if name not in scene.fixed:
+        if name not in fixed:
             problem = "is a free node, which moves by itself"
             yield scene.error(f"moving[{at}]", problem, "List it in fixed, too, or leave it out.")
-        if name in scene.moving[: at - 1]:
-            yield scene.error(f"moving[{at}]", "is listed twice", "Remove one of the two.")
+    yield from _twice(scene, "moving", scene.moving)
 
 
 def _beam_errors(scene: Scene, key: str, zeta: float, beams: str | None) -> Iterator[SceneError]:
@@ -711,10 +654,6 @@ ELEMENT_KEYS = {
 }
 
 
-#: Elements that one string may be made of.
-MOST_PARTS = 1000
-
-
 def _check_elements(scene: Scene) -> Iterator[SceneError]:
     for name, entry in scene.elements.items():
         must, may = ELEMENT_KEYS[entry.kind]
@@ -733,6 +672,10 @@ def _check_elements(scene: Scene) -> Iterator[SceneError]:
     size: dict[str, int] = {}
     for name in scene.elements:
         yield from _tree_errors(scene, name, (), size)
+        if sum(size.values()) > 100 * MOST_PARTS:
+            problem = f"makes more than {100 * MOST_PARTS} parts with the elements before it"
+            yield scene.error(f"elements.{name}", problem, "Leave out elements that nothing uses.")
+    yield from _cost_errors(scene)
 
 
 def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str, int]) -> Iterator[SceneError]:
@@ -742,11 +685,30 @@ def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str
         if part in (*above, name):
             problem = f"closes a circle: {' -> '.join((*above, name, part))}"
             yield scene.error(f"elements.{name}.parts[{at}]", problem, "Name an element outside it.")
+        if len(above) >= MOST_LEVELS:
+            problem = f"is more than {MOST_LEVELS} elements deep in {above[0]}"
+            yield scene.error(f"elements.{name}.parts[{at}]", problem, "Put the parts of a series or parallel into the outer one.")
         if part not in size:
             yield from _tree_errors(scene, part, (*above, name), size)
         size[name] += size[part]
     if size[name] > MOST_PARTS:
         yield scene.error(f"elements.{name}.parts", f"makes {size[name]} parts", f"Use at most {MOST_PARTS}.")
+
+
+def _cost_errors(scene: Scene) -> Iterator[SceneError]:
+    """Laws that would take too long to work out: each once, with memory once per stiffness."""
+    total = 0.0
+    for name, entry in scene.elements.items():
+        element = scene.element(name)
+        remedy = "Use fewer parts, or put the parts of a series or parallel into the outer one."
+        if entry.law == "hysteretic" and costs.snapping(element) > MOST_MEMORY:
+            problem = f"has {costs.snapping(element)} beams and other parts that may snap"
+            yield scene.error(f"elements.{name}.parts", problem, f"Use at most {MOST_MEMORY} in a series with memory.")
+        stiffnesses = {scene.stiffness(string) for string, one in scene.strings.items() if one.element == name}
+        total += costs.seconds(element) * (max(1, len(stiffnesses)) if entry.law == "hysteretic" else 1)
+        if total > MOST_COST:
+            problem = "takes too long to work out, here or with the elements before it"
+            yield scene.error(f"elements.{name}", problem, remedy)
 
 
 def _check_dampers(scene: Scene) -> Iterator[SceneError]:
@@ -781,6 +743,9 @@ def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Ite
     for at, (before, after) in enumerate(zip(x, x[1:]), 2):
         if not after > before:
             yield scene.error(f"{key}.{along}[{at}]", f"does not exceed the value before it, {before!r}", "Sort the points.")
+        if after - before < 1e-12:
+            problem = f"exceeds the value before it, {before!r}, by less than 1e-12"
+            yield scene.error(f"{key}.{along}[{at}]", problem, "Leave out one of the two points.")
 
 
 CHECKS = (_check_names, _check_coordinates, _check_elements, _check_dampers, _check_references, _check_members,

@@ -25,6 +25,7 @@ import scipy.sparse.linalg as sparse_linalg
 from . import hysteresis
 from . import laws
 from . import nsh as nsh_law
+from . import simulable
 from .errors import InputError, TensegrityError
 from .model import NSH, Actuator, Model
 
@@ -269,7 +270,7 @@ def _rigid_body_motions(model: Model) -> np.ndarray:
 def _null_space(matrix: np.ndarray) -> np.ndarray:
     if not matrix.size:
         return np.eye(matrix.shape[1])
-    _, values, right = np.linalg.svd(matrix)
+    _, values, right = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])  # right is square
     return right[int(np.sum(values > RANK_TOLERANCE * max(values[0], 1e-300))) :].T
 
 
@@ -280,7 +281,7 @@ def build_model(scene: Scene) -> Model:
     """The scene's structure at its start, with the rest lengths that its prestress asks for.
 
     Raises SceneError where the prestress is undetermined, a string would have to push, a rest length would be
-    negative, or no equilibrium exists.
+    negative, no equilibrium exists, or the model cannot be simulated (see `simulable`).
     """
     _require_laws(scene)
     model = _at_given_coordinates(scene)
@@ -294,7 +295,9 @@ def build_model(scene: Scene) -> Model:
         except (NoEquilibrium, hysteresis.NoStableState) as failure:
             remedy = 'Change the prestress or the coordinates, or write start = "released".'
             raise scene.error("start", str(failure), remedy, scene.start) from None
-    return replace(model, current=_holding_currents(model))
+    model = replace(model, current=_holding_currents(model))
+    simulable.require(scene, model)
+    return model
 
 
 def _holding_currents(model: Model) -> np.ndarray:

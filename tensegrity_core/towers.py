@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .errors import InputError
+from .quantities import number
 from .scene import Scene, parse_scene
 
 MOST_STAGES = 1000
@@ -198,10 +199,14 @@ def _tables(
     mass: float = 1.0,
 ) -> dict[str, Any]:
     """The scene as nested dicts, the form that its file has."""
-    if isinstance(stages, bool) or not isinstance(stages, int) or not 1 <= stages <= MOST_STAGES:
+    whole = isinstance(stages, (int, np.integer)) and not isinstance(stages, bool) and np.ndim(stages) == 0
+    if not whole or not 1 <= stages <= MOST_STAGES:
         raise InputError(f"stages = {stages!r} is not a whole number from 1 to {MOST_STAGES}; give one")
     if tension is not None and stages == 1:
         raise InputError(f"tension = {tension!r}: one stage has no saddle strings; leave it out, its gravity sets the tensions")
+    stages, nsh = int(stages), bool(nsh)
+    given = {"gravity": gravity, "tension": tension, "stiffness": stiffness, "damping": damping, "mass": mass}
+    gravity, tension, stiffness, damping, mass = (None if v is None else number(k, v) for k, v in given.items())
     nodes, found = coordinates(stages), members(stages)
     bars = [member for member in found if member.kind == "bar"]
     strings = [member for member in found if member.kind != "bar"]

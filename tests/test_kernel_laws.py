@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from tensegrity_core import nsh as exact
 from tensegrity_core.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.errors import InputError, TensegrityError
 from tensegrity_core.kernel import Kernel
@@ -623,3 +624,17 @@ def test_fixed_steps_keep_their_order(fields):
         assert errors[2] < 1e-6 and order > 2.3, (errors, order)
     else:
         assert errors[2] < 1e-7 and (order > 3.0 or errors[2] < 1e-11), (errors, order)
+
+
+@pytest.mark.parametrize("beams", [8, 9, 24])
+def test_many_beams_in_series_are_the_exact_law(beams):
+    """Beyond 8 beams the kernel has rows that get shorter towards the folds."""
+    rng = np.random.default_rng(beams)
+    nsh = NSH(rng.uniform(5.0, 15.0, beams), rng.uniform(2.1, 7.9, beams), rng.uniform(0.005, 0.02, beams))
+    kernel = Kernel(mast(nsh=nsh))
+    end = exact.breakpoints(nsh)[-1]
+    most = exact.force(nsh, end, 5000.0)
+    for x in np.linspace(0.0, 1.05 * end, 301):
+        force, _, energy, piece = kernel.string_law(1, x)
+        assert abs(force - exact.force(nsh, x, 5000.0)) < 2e-12 * most
+        assert abs(energy - exact.energy(nsh, x, 5000.0)) < 1e-12 * most * end

@@ -5,6 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Beams up to which an NSH without memory has pieces of equal rows, which are quickest to look up; the folds of many beams lie so
+ * close together that such rows take a time that nobody waits for, and rows that get shorter towards them do not. */
+#define MOST_EQUAL_ROWS 8
+
 /* Does the string's present state depend on its past? */
 int ts_has_memory(const ts_model *m, int i)
 {
@@ -55,9 +59,11 @@ static const char *plain_curve(ts_curve *c)
     return NULL;
 }
 
-static const char *beams_with_memory(ts_curve *c, int n, const double *Q, const double *zeta, const double *h, double stiffness)
+/* Beams in series as parts of any law. */
+static const char *series_of_beams(ts_curve *c, int n, const double *Q, const double *zeta, const double *h, int memory,
+                                   double stiffness)
 {
-    ts_law *part = (ts_law *)calloc((size_t)n, sizeof *part);
+    ts_law *part = (ts_law *)calloc((size_t)n, sizeof *part), law = {0};
     const char *reason = part ? NULL : "out of memory";
     for (int j = 0; j < n && !reason; j++) {
         double energy = 0.0;
@@ -65,7 +71,10 @@ static const char *beams_with_memory(ts_curve *c, int n, const double *Q, const 
         reason = part[j].reason;
         for (int i = 0; i < part[j].n; i++) energy = ts_piece_integrate(&part[j].s[i].p, part[j].table, energy);
     }
-    if (!reason) reason = ts_hysteresis(c, part, n, stiffness);
+    if (!reason && memory) reason = ts_hysteresis(c, part, n, stiffness);
+    if (!reason && !memory) reason = ts_series(&law, part, n);
+    if (!reason && !memory) reason = ts_law_curve(c, &law);
+    ts_law_free(&law);
     for (int j = 0; part && j < n; j++) ts_law_free(part + j);
     free(part);
     return reason;
@@ -99,7 +108,8 @@ static const char *build(ts_sim *sim, int i)
     double k = sim->values[m->at[TS_STIFFNESS] + i];
     const double *beams = sim->values + m->beam_first[i], *Q = beams + m->at[TS_NSH_Q], *zeta = beams + m->at[TS_NSH_ZETA];
     const double *h = beams + m->at[TS_NSH_H];
-    if (m->beams[i] && m->beam_law[i]) return beams_with_memory(c, m->beams[i], Q, zeta, h, k);
+    if (m->beams[i] && (m->beam_law[i] || m->beams[i] > MOST_EQUAL_ROWS))
+        return series_of_beams(c, m->beams[i], Q, zeta, h, m->beam_law[i], k);
     if (m->beams[i]) return ts_nsh_curve(c, m->beams[i], Q, zeta, h) ? NULL : "out of memory";
     return m->element[2 * i] >= 0 ? element_curve(c, m, i, k) : plain_curve(c);
 }
