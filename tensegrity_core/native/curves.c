@@ -63,8 +63,9 @@ static const char *plain_curve(ts_curve *c)
 static const char *series_of_beams(ts_curve *c, int n, const double *Q, const double *zeta, const double *h, int memory,
                                    double stiffness)
 {
-    ts_law *part = (ts_law *)calloc((size_t)n, sizeof *part), law = {0};
+    ts_law *part = (ts_law *)calloc((size_t)n, sizeof *part), law;
     const char *reason = part ? NULL : "out of memory";
+    memset(&law, 0, sizeof law);
     for (int j = 0; j < n && !reason; j++) {
         double energy = 0.0;
         ts_law_beam(part + j, Q[j], zeta[j], h[j]);
