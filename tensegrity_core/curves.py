@@ -20,8 +20,8 @@ from scipy.optimize import brentq
 from . import nsh
 
 EPS = math.ulp(1.0)
-#: Forces that differ by less than this part count as equal: two parts that end together.
-TIE = 8.0 * EPS
+#: Forces that differ by no more than this part are equal: parts that end together.
+TIE = nsh.TIE
 #: A Newton step shorter than this part is the last: the next one would be below round-off.
 LAST_STEP = 1e-12
 
@@ -130,9 +130,16 @@ class Stretch:
         """1 rising, 0 flat, -1 falling."""
         return (self.last > self.first) - (self.last < self.first)
 
-    def inverse(self, force: float) -> float:
-        """u at which the force stands, m; the nearer end where the stretch does not reach it.  Of a flat one: its start."""
+    def inverse(self, force: float, tied: bool = False) -> float:
+        """u at which the force stands, m; the nearer end where the stretch does not reach it.  Of a flat one: its start.
+
+        tied: whether an end whose force ties is where it stands; nearly there, where the force turns, u has half its digits.
+        """
         sign = self.sign
+        if tied and self.sign:
+            for at, limit in ((self.end, self.last), (self.start, self.first)):
+                if abs(force - limit) <= TIE * abs(limit) < math.inf:
+                    return at
         if sign * (force - self.first) <= 0.0:
             return self.start
         if sign * (self.last - force) <= 0.0:
@@ -232,12 +239,12 @@ class Chain:
         self.lower, self.upper = self.total(start), self.total(end) if end < math.inf else math.inf
 
     def displacements(self, p: float) -> list[float]:
-        """u of every stretch, m."""
+        """u of every stretch, m.  At the chain's ends parts whose ends tie with the force are at these."""
         u = [p] * len(self.stretches)
-        force = self._curve.value(p)[0]
+        force, tied = self._curve.value(p)[0], p == self.start or p == self.end
         for i, other, alike in self._others:
             if not alike:    # a part of the same kind moves alike, which keeps all digits where both turn together
-                u[i] = other.inverse(force)
+                u[i] = other.inverse(force, tied)
         return u
 
     def total(self, p: float) -> float:

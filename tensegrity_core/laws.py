@@ -277,19 +277,19 @@ class _Snaps:
         self.stretches: list[Stretch] = []
 
     def law(self) -> Law:
-        due = [i for i, part in enumerate(self.parts) if part.stretches[0].sign <= 0]
-        while True:
-            for i in due:
+        for i, part in enumerate(self.parts):
+            if part.stretches[0].sign <= 0:
                 self._snap(i)
-            moving = [i for i in range(len(self.parts)) if self.at[i] < len(self.parts[i].stretches)]
-            if not moving:
-                break
+        while moving := [i for i in range(len(self.parts)) if self.at[i] < len(self.parts[i].stretches)]:
             force = min(self._stretch(i).last for i in moving)
             if force > self.force * (1.0 + TIE) or self.force == 0.0:    # else a tie: the next part is at its end already
                 self._rise(moving, force)
             if force == math.inf:
                 break
-            due = [i for i in moving if self._stretch(i).last <= force * (1.0 + TIE) and self._moves_on(i)]
+            ending = [i for i in moving if self._stretch(i).last <= self.force * (1.0 + TIE)]
+            due = [i for i in ending if self._moves_on(i)]
+            if due:    # one at a time: it may come to another maximum that ties, and has the lowest index again
+                self._snap(due[0])
         return Law(self.pieces, self.stretches)
 
     def _stretch(self, i: int) -> Stretch:
@@ -322,7 +322,7 @@ class _Snaps:
         held, base = math.fsum(self.u[j] for j in others), math.fsum(self._energy(j) for j in others)
         counted = sum(self._snapped(j) for j in others)
         last = next((n for n in range(first, len(part.stretches))
-                     if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force), None)
+                     if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force * (1.0 - TIE)), None)
         if last is None:
             raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
                              "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far")
@@ -330,13 +330,13 @@ class _Snaps:
         for n in range(first, last + 1):
             one = part.stretches[n]
             start = self.u[i] if n == first else one.start
-            end, force = (one.inverse(self.force), self.force) if n == last else (one.end, one.last)
+            end, force = (one.inverse(self.force, True), self.force) if n == last else (one.end, one.last)
             joined = one.joined and n > first
             curve = way[-1].curve if joined else HeldCurve(one.curve, held, base)
             way.append(Stretch(curve, held + start, held + end, one.first, force, counted + one.snapped, joined))
         self.at[i], self.u[i] = last, way[-1].end - held
         self._add([one for one in way if one.end > one.start])
-        self.u[i] = part.stretches[last].inverse(self.force)
+        self.u[i] = part.stretches[last].inverse(self.force, True)
 
     def _add(self, way: list[Stretch]) -> None:
         """Add stretches, and as pieces those of one curve together."""

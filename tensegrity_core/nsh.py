@@ -13,6 +13,10 @@ lowest index first).  The curve f(xi) is a chain of pieces:
 * a *snap*: one beam follows its own cubic from u_max through II to the point on III where its force is f_max again,
   the other beams held.
 
+Forces within `TIE` of each other are one: beams whose f_max tie come to u_max together, each to its own, and beams whose
+stops tie come to rest together.  Without that a law would depend on the last bits of its parameters much more than they are
+worth: a beam whose f_max is higher by 1e-16 stands 1e-8 of its height before u_max while another one snaps.
+
 Piece 0 is slack (xi <= 0); piece p of 1..P has breakpoints[p-1] < xi <= breakpoints[p]; in piece P+1 the NSH has
 bottomed out (all beams at 2h) and the string's own stiffness k takes over.
 
@@ -34,6 +38,8 @@ from .errors import InputError
 from .model import NSH
 
 _EPS = math.ulp(1.0)
+#: Forces that differ by no more than this part are equal: more than the round-off of f_max, less than anyone means.
+TIE = 32.0 * _EPS
 
 
 # ---------------------------------------------------------------------------------------------------------------- beam
@@ -197,20 +203,21 @@ def check(nsh: NSH) -> None:
 def curve(nsh: NSH) -> Curve:
     """The pieces of the single valued series law.  Raises InputError for an NSH that `check` refuses."""
     check(nsh)
-    beams = range(len(nsh.Q))
-    f_max = [beam_extrema(nsh.Q[i], nsh.zeta[i], nsh.h[i]).f_max for i in beams]
-    order = sorted(beams, key=lambda i: f_max[i])        # a stable sort: ties keep the lowest index first
+    f_max = [beam_extrema(*beam).f_max for beam in zip(nsh.Q, nsh.zeta, nsh.h)]
     f_stop = [4.0 * Q for Q in nsh.Q]                    # force at which a beam on III reaches 2h
     end_force = max(f_stop)
 
-    ends = _Ends(nsh)
-    for count, beam in enumerate(order):
-        done, left = order[:count], order[count:]
-        x_max = 1.0 - _extremum_distance(nsh.zeta[beam])
-        ends.rise(beam, "I", f_max[beam], x_max, done, left, f_stop)
-        ends.snap(beam, 1.0 + 2.0 * _extremum_distance(nsh.zeta[beam]), count + 1)
-    last = max(order, key=lambda i: f_stop[i])
-    ends.rise(last, "III", end_force, 2.0, order, [], f_stop)
+    ends, done, left = _Ends(nsh), [], list(range(len(nsh.Q)))
+    while left:
+        lead = min(left, key=lambda i: f_max[i])
+        tied = [i for i in left if f_max[i] <= f_max[lead] * (1.0 + TIE)]
+        ends.rise(lead, "I", f_max[lead], 1.0 - _extremum_distance(nsh.zeta[lead]), done, left, f_stop, tied)
+        for beam in tied:                                # the lowest index first
+            done.append(beam)
+            ends.snap(beam, 1.0 + 2.0 * _extremum_distance(nsh.zeta[beam]), len(done))
+        left = [i for i in left if i not in tied]
+    last = max(done, key=lambda i: f_stop[i])
+    ends.rise(last, "III", end_force, 2.0, done, [], f_stop, [])
     pieces = tuple(_with_guess(nsh, piece) for piece in ends.pieces)
     return Curve(nsh, pieces, (0.0,) + tuple(p.xi_end for p in pieces), end_force)
 
@@ -225,19 +232,24 @@ class _Ends:
         self.force = 0.0
 
     def rise(self, lead: int, region: str, f_end: float, x_end: float, done: list[int], left: list[int],
-             f_stop: list[float]) -> None:
-        """Add the rise to f_end, in parts that end where a snapped beam (one of `done`) reaches 2h."""
-        kinks = sorted({f_stop[i] for i in done if self.force < f_stop[i] < f_end})
+             f_stop: list[float], tied: list[int]) -> None:
+        """Add the rise to f_end, in parts that end where snapped beams (of `done`) reach 2h; `tied` beams end at u_max."""
+        kinks, h = [], self.nsh.h
+        for f in sorted(f_stop[i] for i in done):
+            if (kinks[-1] if kinks else self.force) * (1.0 + TIE) < f and f * (1.0 + TIE) < f_end:
+                kinks.append(f)
         for f in [*kinks, f_end]:
-            if f <= self.force * (1.0 + 8.0 * _EPS):    # a tie: the next beam is at its f_max already
-                continue
-            moving = [(i, "III") for i in done if f_stop[i] > self.force] + [(i, "I") for i in left]
+            moving = [(i, "III") for i in done if f_stop[i] > self.force * (1.0 + TIE)] + [(i, "I") for i in left]
             u = list(self.u)
             x = x_end if f == f_end else _root(f / self.nsh.Q[lead], self.nsh.zeta[lead], region)
             for i, where in moving:
-                stopped = where == "III" and f_stop[i] <= f
-                u[i] = 2.0 * self.nsh.h[i] if stopped else self.nsh.h[i] * self._follow(lead, x, i, where, f, region)
-            u[lead] = self.nsh.h[lead] * x
+                if where == "III" and f_stop[i] <= f * (1.0 + TIE):
+                    u[i] = 2.0 * h[i]
+                elif f == f_end and i in tied:
+                    u[i] = h[i] * (1.0 - _extremum_distance(self.nsh.zeta[i]))
+                else:
+                    u[i] = h[i] * self._follow(lead, x, i, where, f, region)
+            u[lead] = h[lead] * x
             self._add(lead, x, u, False, [(i, w) for i, w in moving if i != lead], len(done))
             self.force = f
 
@@ -248,8 +260,7 @@ class _Ends:
         self._add(beam, x_end, u, True, [], snapped)
 
     def _follow(self, lead: int, x: float, i: int, where: str, f: float, region: str) -> float:
-        same = (self.nsh.Q[i], self.nsh.zeta[i], where) == (self.nsh.Q[lead], self.nsh.zeta[lead], region)
-        return x if same else _root(f / self.nsh.Q[i], self.nsh.zeta[i], where)
+        return x if where == region and _alike(self.nsh, i, lead) else _root(f / self.nsh.Q[i], self.nsh.zeta[i], where)
 
     def _add(self, lead: int, x_end: float, u: list[float], snap: bool, followers: list, snapped: int) -> None:
         moving = {lead, *(i for i, _ in followers)}
@@ -261,6 +272,11 @@ class _Ends:
             self.pieces.append(_Piece(lead, x_start, x_end, xi_start, xi_end, snap, tuple(followers),
                                       math.fsum(v for _, v in held_u), held_u, snapped))
         self.u = u
+
+
+def _alike(nsh: NSH, i: int, j: int) -> bool:
+    """Whether two beams stand at one x under one force, in any region, but for round-off."""
+    return nsh.zeta[i] == nsh.zeta[j] and abs(nsh.Q[i] - nsh.Q[j]) <= TIE * nsh.Q[j]
 
 
 def _displacements(nsh: NSH, piece: _Piece, x: float) -> list[float]:
@@ -281,10 +297,9 @@ def _follower(nsh: NSH, piece: _Piece, x: float, q: float, i: int, region: str) 
     """x of beam i that carries the leading beam's force Q_lead q.  A beam of the same kind simply moves alike, which
     keeps all digits where both reach f_max together."""
     lead = piece.lead
-    same_region = (region == "I") == (piece.end <= 1.0)
-    if same_region and nsh.Q[i] == nsh.Q[lead] and nsh.zeta[i] == nsh.zeta[lead]:
+    if (region == "I") == (piece.end <= 1.0) and _alike(nsh, i, lead):
         return x
-    return _root(q * nsh.Q[lead] / nsh.Q[i], nsh.zeta[i], region)
+    return min(_root(q * nsh.Q[lead] / nsh.Q[i], nsh.zeta[i], region), 2.0)
 
 
 def _shares(nsh: NSH, piece: _Piece, u: list[float]) -> list[float]:

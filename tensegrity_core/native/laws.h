@@ -6,6 +6,7 @@
 
 #define TS_FIT_ERROR 2e-13 /* of the largest force */
 #define TS_MAX_ROWS 1024   /* subintervals of one piece */
+#define TS_TIE 7.2e-15     /* forces that differ by less than this part of them are one: round-off is less */
 
 /* A monotone stretch of a law's force as a function of its elongation. */
 typedef struct {

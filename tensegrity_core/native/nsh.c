@@ -2,7 +2,9 @@
  *
  * Snaps are cubics and stored exactly.  On a rise the elongation is a closed function of the force but not the other way
  * round; there the table holds polynomials of degree TS_DEGREE through Chebyshev points of the exact curve, on as many
- * equal subintervals as it takes to reach TS_FIT_ERROR. */
+ * equal subintervals as it takes to reach TS_FIT_ERROR.
+ *
+ * Maxima whose forces tie (TS_TIE) are reached together, and those beams snap by index; stops that tie are reached together. */
 #include "laws.h"
 
 #include <math.h>
@@ -11,6 +13,7 @@
 
 typedef struct {
     double Q, zeta, h, s, f_max;
+    int index;
 } beam;
 
 /* A rise: which beams have snapped, which of those are at their stop, and the beam whose x parametrises the rise. */
@@ -59,6 +62,19 @@ static double rise_elongation(const rise *r, double x, double *slope)
     }
     *slope = dxi;
     return xi;
+}
+
+/* Elongation of the rise where it ends, at the force f: beams whose maximum or stop ties with f have come to it, which the
+ * force alone does not tell to more than half the digits. */
+static double rise_end(const rise *r, double f)
+{
+    double sum = 0.0;
+    for (int j = 0; j < r->n; j++) {
+        const beam *b = &r->b[j];
+        double top = r->snapped[j] ? 4.0 * b->Q : b->f_max;
+        sum += b->h * beam_inverse(b, r->snapped[j], top <= f * (1.0 + TS_TIE) ? top : f);
+    }
+    return sum;
 }
 
 static double rise_force(const rise *r, double xi, double x_lo, double x_hi)
@@ -142,16 +158,15 @@ static int add_rises(ts_curve *c, rise *r, double from, double to, int snapped, 
         int stop = -1;
         for (int j = 0; j < r->n; j++) {
             if (j == r->leader || !r->snapped[j] || r->stopped[j]) continue;
-            if (4.0 * r->b[j].Q <= from) r->stopped[j] = 1;
-            else if (4.0 * r->b[j].Q < next) {
+            if (4.0 * r->b[j].Q <= from * (1.0 + TS_TIE)) r->stopped[j] = 1;
+            else if (4.0 * r->b[j].Q * (1.0 + TS_TIE) < next) {
                 next = 4.0 * r->b[j].Q;
                 stop = j;
             }
         }
         int on_three = r->snapped[r->leader];
         double slope, x_lo = beam_inverse(lead, on_three, from), x_hi = beam_inverse(lead, on_three, next);
-        double a = rise_elongation(r, x_lo, &slope), b = rise_elongation(r, x_hi, &slope);
-        if (c->pieces > 1) a = end_of(c);
+        double a = c->pieces > 1 ? end_of(c) : rise_elongation(r, x_lo, &slope), b = rise_end(r, next);
         if (b > a + 1e-12 * b && !add_rise(c, r, a, b, x_lo, x_hi, snapped, size)) return 0;
         if (stop < 0) return 1;
         r->stopped[stop] = 1;
@@ -159,16 +174,35 @@ static int add_rises(ts_curve *c, rise *r, double from, double to, int snapped, 
     }
 }
 
+/* By the force of their maximum, those that tie with the lowest of them by index. */
 static void sort_beams(beam *b, int n, const double *Q, const double *zeta, const double *h)
 {
-    for (int i = 0; i < n; i++) { /* by f_max, ties by index */
+    for (int i = 0; i < n; i++) {
         double s = sqrt((zeta[i] - 2.0) / (3.0 * zeta[i])); /* eq. 14 */
-        beam next = {Q[i], zeta[i], h[i], s, 0.0};
+        beam next = {Q[i], zeta[i], h[i], s, 0.0, i};
         next.f_max = beam_force(&next, 1.0 - s); /* to the last bit what the leader of a rise carries at its end */
         int j = i;
         for (; j > 0 && b[j - 1].f_max > next.f_max; j--) b[j] = b[j - 1];
         b[j] = next;
     }
+    for (int first = 0, end = 0; first < n; first = end) {
+        double tied = b[first].f_max * (1.0 + TS_TIE);
+        for (; end < n && b[end].f_max <= tied; end++) {
+            beam next = b[end];
+            int j = end;
+            for (; j > first && b[j - 1].index > next.index; j--) b[j] = b[j - 1];
+            b[j] = next;
+        }
+    }
+}
+
+/* The beam whose maximum is the lowest of those from i on that tie with it. */
+static int lowest_of_tie(const rise *r, int i)
+{
+    int lowest = i;
+    for (int j = i + 1; j < r->n && r->b[j].f_max <= r->b[i].f_max * (1.0 + 2.0 * TS_TIE); j++)
+        if (r->b[j].f_max < r->b[lowest].f_max) lowest = j;
+    return lowest;
 }
 
 static int add_all(ts_curve *c, rise *r, double most)
@@ -176,11 +210,13 @@ static int add_all(ts_curve *c, rise *r, double most)
     const beam *b = r->b;
     double f = 0.0;
     for (int i = 0; i < r->n; i++) {
-        r->leader = i;
-        if (!add_rises(c, r, f, b[i].f_max, i, most)) return 0;
+        if (b[i].f_max > f * (1.0 + TS_TIE) || i == 0) { /* else it came to its maximum with the one before */
+            r->leader = lowest_of_tie(r, i);
+            if (!add_rises(c, r, f, b[r->leader].f_max, i, most)) return 0;
+            f = b[r->leader].f_max;
+        }
         if (!add_snap(c, &b[i], end_of(c), i + 1)) return 0;
         r->snapped[i] = 1;
-        f = b[i].f_max;
     }
     for (int i = 0; i < r->n; i++)
         if (4.0 * b[i].Q == most) r->leader = i;

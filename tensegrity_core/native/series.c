@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SAME 1e-12 /* forces that are equal, of the largest */
+#define NARROW 1e-12 /* a rise shorter than this part of the elongation is none */
 
 /* Elongation where the leader stands at u, the force there and the elongation's derivative by u. */
 double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
@@ -150,18 +150,28 @@ static void append_rise(climb *c, ts_rise *r, double end, double top)
     else append(law, p, c->force, top, 1, 0);
 }
 
+/* Elongation where part j, rising, stands under the force `top` at the end of a rise: at its own end where that ties. */
+static double stands(const climb *c, int j, double top)
+{
+    const ts_law *part = c->part + j;
+    if (c->at[j] >= part->n) return ts_law_stop(part);
+    const ts_stretch *s = part->s + c->at[j];
+    return s->force[1] <= top * (1.0 + TS_TIE) ? s->p.hi : ts_law_inverse(part, c->at[j], top, c->u[j]);
+}
+
 /* All parts on their rising stretches up to `top`, the leader's force at its end. */
 static void rise_to(climb *c, int leader, double top)
 {
     const ts_law *lead = c->part + leader;
-    double f, slope, end = INFINITY;
+    double end = top < INFINITY ? 0.0 : INFINITY;
     ts_rise r = {c->part, c->at, c->u, ts_law_inverse(lead, c->at[leader], c->force, 0.0), 0.0, 0.0, 0, c->n, leader};
     r.hi = ts_law_inverse(lead, c->at[leader], top, 0.0);
-    if (top < INFINITY) end = ts_rise_elongation(&r, r.hi, &f, &slope);
-    if (end > c->x * (1.0 + 1e-12)) append_rise(c, &r, end, top);
+    for (int j = 0; j < c->n && top < INFINITY; j++) end += stands(c, j, top);
+    int wide = end > c->x * (1.0 + NARROW);
+    if (wide) append_rise(c, &r, end, top);
     if (!(top < INFINITY)) return;
-    if (end > c->x * (1.0 + 1e-12)) c->x = end;
-    ts_rise_elongation(&r, r.hi, &f, &slope);
+    if (wide) c->x = end;
+    for (int j = 0; j < c->n; j++) c->u[j] = stands(c, j, top);
     c->force = top;
 }
 
@@ -176,9 +186,10 @@ static void snap(climb *c, int j)
             return;
         }
         const ts_stretch *s = part->s + i;
-        int done = s->way > 0 && s->force[1] >= c->force;
+        int done = s->way > 0 && s->force[1] >= c->force * (1.0 - TS_TIE);
         ts_piece p = s->p;
-        double end = done ? ts_law_inverse(part, i, c->force, 0.0) : p.hi;
+        int at_end = !done || s->force[1] <= c->force * (1.0 + TS_TIE); /* of a next maximum that ties */
+        double end = at_end ? p.hi : ts_law_inverse(part, i, c->force, 0.0);
         if (s->force[0] < 0.0 || s->force[1] < 0.0) {
             c->law->reason = "a part of a single-valued series pushes after its maximum; its law must be hysteretic";
             return;
@@ -237,11 +248,10 @@ const char *ts_series(ts_law *law, const ts_law *part, int n)
         int leader = first_to_end(&c), next = -1;
         if (leader < 0) break;
         double top = part[leader].s[c.at[leader]].force[1];
-        if (top > c.force + SAME * c.size) rise_to(&c, leader, top);
-        else c.force = top;
+        if (top > c.force * (1.0 + TS_TIE) || c.x == 0.0) rise_to(&c, leader, top);
         if (law->reason || !(top < INFINITY)) break;
         for (int j = 0; j < n; j++) {
-            if (c.at[j] >= part[j].n || part[j].s[c.at[j]].force[1] > c.force) continue;
+            if (c.at[j] >= part[j].n || part[j].s[c.at[j]].force[1] > c.force * (1.0 + TS_TIE)) continue;
             if (goes_on(&c, j)) c.at[j]++;
             else if (next < 0) next = j;
         }

@@ -1,0 +1,41 @@
+"""Laws of parts that tie, exactly or nearly, against 40 digits (tied_laws.py): the exact laws in Python and the kernel's curves.
+
+More of them: ``python tests/tied_laws.py 2000``.
+"""
+
+import numpy as np
+import pytest
+from tied_laws import DISTANCES, check, tied
+
+from tensegrity_core import nsh
+from tensegrity_core.laws import law
+from tensegrity_core.model import NSH
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_honeycombs_that_tie_follow_algorithm_1(distance):
+    for seed in range(3):
+        check(tied(np.random.default_rng([seed, DISTANCES.index(distance)]), distance))
+
+
+def test_beams_that_tie_to_round_off():
+    """A case that hypothesis found: the stops of two beams differ by one ulp."""
+    check(NSH((1.0, 0.5, 0.5000000000000001), (3.0, 3.0, 3.0), (0.03125, 0.03125, 0.03125)))
+
+
+@pytest.mark.parametrize("kind", ["zeta", "Q"])
+def test_a_near_tie_is_a_tie(kind):
+    """Beams of different shape whose maxima tie: by the last bits of a parameter neither the order nor the law changes."""
+    first, K = NSH((6.0, 5.0, 8.0), (3.0, 6.0, 4.0), (0.01, 0.02, 0.015)), 5000.0
+    f_max = [nsh.beam_extrema(*beam).f_max for beam in zip(first.Q, first.zeta, first.h)]
+    Q = tuple(q * f_max[0] / f for q, f in zip(first.Q, f_max))
+    x = np.linspace(0.0, 0.09, 200)
+    expected = nsh.force(NSH(Q, first.zeta, first.h), x, K)
+    for ulps in (-4, -1, 1, 4):
+        rows = {"Q": list(Q), "zeta": list(first.zeta), "h": first.h}
+        rows[kind][1] *= 1.0 + ulps * 2.0**-53
+        near = NSH(*(tuple(rows[name]) for name in ("Q", "zeta", "h")))
+        moved = nsh.displacements(near, 1.001 * nsh.breakpoints(near)[1]) - nsh.displacements(near, nsh.breakpoints(near)[1])
+        assert np.flatnonzero(moved > 1e-6).tolist() == [0]
+        np.testing.assert_allclose(nsh.force(near, x, K), expected, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose([law(near.element).force(v, K) for v in x], expected, rtol=0.0, atol=1e-12)
