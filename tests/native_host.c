@@ -12,7 +12,7 @@
  *   blocks N             the same; prints how many blocks of memory are held after each tenth (compiled with COUNTED)
  *   everything           every function once or more, also called wrongly
  *   walk SEED COUNT      COUNT random calls with hostile values, then a reset, and the run of a fresh instance; prints how
- *                        often each status came, and how many steps succeeded
+ *                        often each status came, a number that stands for their order, and how many steps succeeded
  *   state WRITE|READ F   writes a serialised state to a file, or reads one (any bytes) and prints the status
  *   messages LOCALE      prints messages with numbers under a locale whose decimal point is a comma
  *   allocations          prints how often fmi2DoStep, fmi2SetReal and fmi2GetReal took memory (compiled with COUNTED)
@@ -613,6 +613,7 @@ static void walk(const fmu *f, uint64_t seed, long count)
     walker w = {f, started(f), {NULL}, 0.0, 0};
     double *rows = rows_for(f, STEPS), *fresh = rows_for(f, STEPS);
     long seen[4] = {0};
+    unsigned long order = 5381; /* of all statuses, one after the other */
     places p;
     run(f, w.c, PUSH, 0, STEPS, fresh);
     chance = 0x9e3779b97f4a7c15u ^ (seed * 0xbf58476d1ce4e5b9u);
@@ -624,6 +625,7 @@ static void walk(const fmu *f, uint64_t seed, long count)
                           : kind < 8 ? random_state_call(&w) : random_mode_call(&w, &p);
         require(status >= fmi2OK && status <= fmi2Error, "no status worse than fmi2Error");
         seen[status]++;
+        order = (order * 33 + (unsigned long)status) % 1000000007;
         if (status == fmi2Error && draw(3)) recover(&w);
     }
     require(f->fmi2Reset(w.c) == fmi2OK, "fmi2Reset");
@@ -635,7 +637,7 @@ static void walk(const fmu *f, uint64_t seed, long count)
     f->fmi2FreeInstance(w.c);
     free(rows);
     free(fresh);
-    printf("%ld %ld %ld %ld %ld\n", seen[0], seen[1], seen[2], seen[3], w.steps);
+    printf("%ld %ld %ld %ld %lu %ld\n", seen[0], seen[1], seen[2], seen[3], order, w.steps);
 }
 
 /* ---- Messages and memory ---- */

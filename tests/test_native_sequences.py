@@ -1,4 +1,4 @@
-"""Sequences of legal and illegal calls of the native FMU: each answer is the one that the rules of docs/fmu.md foretell,
+"""Sequences of legal and illegal calls of both kinds of FMU: each answer is the one that the rules of docs/fmu.md foretell,
 nothing crashes or hangs, and after a reset the run is that of a fresh instance, to the last bit.
 
 The sequences run in a process of their own, so that a crash is a failure and not the end of pytest.  More of them:
@@ -335,9 +335,11 @@ def main(folder: str, examples: str) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("runtime", ["native", "python"])
 @pytest.mark.parametrize("name", ["two_bar", "three_bar"])
-def test_every_answer_is_the_one_foretold(name, native_folders):
-    line = [sys.executable, "-X", "faulthandler", __file__, str(native_folders[name]), str(EXAMPLES)]
+def test_every_answer_is_the_one_foretold(name, runtime, native_folders, python_folders):
+    folder = {"native": native_folders, "python": python_folders}[runtime][name]
+    line = [sys.executable, "-X", "faulthandler", __file__, str(folder), str(EXAMPLES if runtime == "native" else EXAMPLES // 3)]
     done = subprocess.run(line, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, f"exit code {done.returncode}\n{done.stderr[-4000:]}"
 

@@ -89,11 +89,12 @@ static int ask(const char *program, int minor, interpreter *found, report *why)
 {
     char *answer = malloc(ANSWER + 1);
     ptrdiff_t size = answer ? process_output(program, "-c", question, answer, ANSWER) : -1;
-    const char *end = answer && size > 0 ? answer + size : answer, *version = NULL, *named = NULL;
+    const char *end = answer && size > 0 ? answer + size : answer, *version = NULL, *named = NULL, *numpy = NULL;
     if (size > 0) {
         answer[size] = 0;
         version = record(answer, end, "version");
         named = record(answer, end, "program");
+        numpy = record(answer, end, "numpy");
     }
     int major = 0, its_minor = 0;
     if (!version || sscanf(version, "%d.%d", &major, &its_minor) != 2) {
@@ -102,7 +103,7 @@ static int ask(const char *program, int minor, interpreter *found, report *why)
         report_add(why, "%s is Python %s, but 3.%d or newer is needed; ", program, version, OLDEST);
     } else if (minor && its_minor != minor) {
         report_add(why, "%s is Python %s, but 3.%d is in the process; ", program, version, minor);
-    } else if (strcmp(record(answer, end, "numpy"), "yes")) {
+    } else if (!numpy || strcmp(numpy, "yes")) {
         report_add(why, "%s (Python %s) has no NumPy: %s -m pip install numpy; ", program, version, program);
     } else {
         found->library = library_of(answer, end, program, why);
