@@ -2,7 +2,14 @@
 
 import sys
 
-from fmu_src.build import main
+from tensegrity_core.interrupts import interruptible
+
+
+def main() -> int:
+    from fmu_src.build import main
+
+    return main()
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(interruptible(main))

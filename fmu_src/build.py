@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from tensegrity_core.errors import TensegrityError
+from tensegrity_core.interrupts import interruptible
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
 from tensegrity_core.scene import Scene, builtin_scenes, load_scene
@@ -192,4 +193,4 @@ def remark(validation: Validation) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(interruptible(main))

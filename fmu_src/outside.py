@@ -4,6 +4,7 @@ The job: {"fmu": path, "runs": [{"name", "arrays": .npz path, "inputs": [names],
 array file holds times (K+1,) in s and values (K, number of inputs).  The result holds for each run `name/outputs`
 (K+1, number of outputs; row 0 in Initialization Mode), `name/events` (number, 4: time, string, before, after) and
 `name/seconds`, and `output_names`, `strings`.  The project's own packages are barred: what runs is what the FMU holds.
+A third argument, WITH_PARENT, ends the run when standard input ends.
 """
 
 import importlib.abc
@@ -11,6 +12,7 @@ import json
 import os
 import re
 import sys
+import threading
 import time
 
 import numpy as np
@@ -18,6 +20,10 @@ import numpy as np
 BARRED = ("tensegrity_core", "fmu_src", "pythonfmu", "scipy")
 CATEGORIES = ("logEvents", "logStatusDiscard", "logStatusError")
 EVENT = re.compile(r"string (\S+): piece (-?\d+) -> (-?\d+) at t = (\S+) s")
+
+
+#: See above.
+WITH_PARENT = "with-parent"
 
 
 class Barrier(importlib.abc.MetaPathFinder):
@@ -158,7 +164,20 @@ def events(messages, strings):
     return np.array(rows).reshape(-1, 4)
 
 
-def main(job_path, result_path):
+def end_with_parent():
+    """Ends this process, busy or not, when standard input ends, as it does with the process that holds its other end."""
+
+    def watch():
+        while os.read(0, 1):
+            pass
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def main(job_path, result_path, *options):
+    if WITH_PARENT in options:
+        end_with_parent()
     sys.meta_path.insert(0, Barrier())
     from fmpy import extract, read_model_description
 

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import json
-import multiprocessing
-import os
 import subprocess
 import sys
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tensegrity_core import kernel, reference
+from tensegrity_core import kernel, processes, reference
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.fields import layout
 from tensegrity_core.files import replacing, scratch, write_bytes, write_text
@@ -27,6 +25,7 @@ from tensegrity_core.result import Result, Transition
 
 from .compare import PERTURBATION, Comparison, compare, series
 from .interface import Variable, variables
+from .outside import WITH_PARENT
 from .places import kept
 from .reference_cache import cached, reference_key
 from .scenarios import Scenario, scenarios
@@ -36,6 +35,8 @@ CACHE = kept() / "reference-cache"
 
 #: Scenes that are known not to be sensitive: a comparison cut short is a failure.
 NOT_SENSITIVE = ("three_bar", "three_bar_nsh")
+#: Processes for reference runs, see processes.Workers.
+workers = processes.Workers
 #: Wall time after which a run from outside is given up, s.
 TIMEOUT = 900.0
 #: Settings of the reference: keyword arguments of reference.simulate.
@@ -112,11 +113,6 @@ class Validation:
         return found
 
 
-def workers() -> Executor:
-    """Processes for reference runs, one per processor."""
-    return ProcessPoolExecutor(os.cpu_count(), mp_context=multiprocessing.get_context("spawn"))
-
-
 def run_outside(
     fmu: Path,
     model: Model,
@@ -142,9 +138,9 @@ def run_outside(
             item = {"name": run.name, "arrays": str(here / f"{i}.npz"), "inputs": names, "parameters": parameters}
             job["runs"].append(item)
         write_text(here / "job.json", json.dumps(job))
-        command = [python, "-I", str(script), str(here / "job.json"), str(here / "result.npz")]
+        command = [python, "-I", str(script), str(here / "job.json"), str(here / "result.npz"), WITH_PARENT]
         try:
-            done = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=TIMEOUT)
+            done = processes.run(command, here, TIMEOUT)
         except subprocess.TimeoutExpired:
             raise ValidationError(f"{fmu}: the run from outside did not end within {TIMEOUT} s") from None
         if done.returncode:

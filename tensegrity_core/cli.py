@@ -21,6 +21,7 @@ from .export import require_writable, write_result
 from .fields import METHODS
 from .files import write_text
 from .inputs import Inputs, held
+from .interrupts import interruptible
 from .kernel import simulate as run_kernel
 from .model import Model
 from .modes_command import COMMAND as MODES
@@ -256,4 +257,4 @@ COMMANDS = (
 )
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(interruptible(main))

@@ -18,11 +18,12 @@ import stat
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from .errors import InputError
+from .interrupts import held_back
 
 try:
     import fcntl
@@ -49,11 +50,11 @@ def replacing(path: str | Path) -> Iterator[BinaryIO]:
     """
     path = Path(path)
     try:
-        temporary, handle = _new_file(path.parent)
-    except OSError as failure:
-        raise _not_writable(path, failure) from failure
-    try:
-        with os.fdopen(handle, "w+b") as file:
+        with ExitStack() as stack:
+            with held_back():
+                temporary, handle = _new_file(path.parent)
+                stack.callback(_remove_file, temporary)
+                file = stack.enter_context(os.fdopen(handle, "w+b"))
             yield file
             file.flush()
             _to_disk(file)
@@ -62,9 +63,6 @@ def replacing(path: str | Path) -> Iterator[BinaryIO]:
             _rename(temporary, path)
     except OSError as failure:
         raise _not_writable(path, failure) from failure
-    finally:
-        temporary.unlink(missing_ok=True)
-        remove_leftovers(path.parent)
 
 
 @contextmanager
@@ -94,15 +92,11 @@ def scratch(parent: str | Path | None = None) -> Iterator[Path]:
     """A fresh folder, removed at the end; by default among the system's temporary files.  Raises OSError."""
     parent = Path(parent or tempfile.gettempdir())
     remove_leftovers(parent)
-    folder, handle = _new_folder(parent)
-    try:
+    with ExitStack() as stack:
+        with held_back():
+            folder, handle = _new_folder(parent)
+            stack.callback(_remove_folder, folder, handle)
         yield folder / FILLED
-    finally:
-        if not fcntl:
-            os.close(handle)
-        shutil.rmtree(folder, ignore_errors=True)
-        if fcntl:
-            os.close(handle)
 
 
 @contextmanager
@@ -159,6 +153,21 @@ def _remove_unlocked(path: Path) -> bool:
     finally:
         os.close(handle)
     return True
+
+
+def _remove_file(path: Path) -> None:
+    with held_back():
+        path.unlink(missing_ok=True)
+    remove_leftovers(path.parent)
+
+
+def _remove_folder(folder: Path, handle: int) -> None:
+    with held_back():
+        if not fcntl:
+            os.close(handle)
+        shutil.rmtree(folder, ignore_errors=True)
+        if fcntl:
+            os.close(handle)
 
 
 def _is_old(found: os.stat_result) -> bool:
