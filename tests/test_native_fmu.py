@@ -610,11 +610,11 @@ def test_start_time_does_not_change_the_motion(both):
 
 @pytest.mark.parametrize("start", [1e3, 1e6, 1e8, 1.7e9, 1e12, -1.7e9])
 @pytest.mark.parametrize("adding", [False, True])
-def test_large_start_times_do_not_change_the_motion(start, adding, native):
+def test_large_start_times_do_not_change_the_motion(start, adding, both):
     """Unix time, say, where a double resolves 2.4e-7 s: to the last bit, up to the stop time, whether the host counts its steps
     or adds them up."""
     h, count = 1e-3, 200
-    early, late = native("three_bar_nsh", "stepping"), native("three_bar_nsh")
+    early, late = both("three_bar_nsh", "stepping"), both("three_bar_nsh")
     assert late.start(start_time=start, stop_time=start + count * h) == OK
     early.set({"n4.force.z": 45.0})
     late.set({"n4.force.z": 45.0})
@@ -629,8 +629,8 @@ def test_large_start_times_do_not_change_the_motion(start, adding, native):
 
 
 @pytest.mark.parametrize("start", [0.0, 1e6, 1.7e9])
-def test_a_step_too_many_is_seen_at_any_start_time(start, native):
-    one, h, time = native("two_bar"), 1e-3, start
+def test_a_step_too_many_is_seen_at_any_start_time(start, both):
+    one, h, time = both("two_bar"), 1e-3, start
     one.start(start_time=start, stop_time=start + 0.1)
     while one.step(time, h) == OK:
         time += h
@@ -879,12 +879,12 @@ def test_serialised_states_go_from_process_to_process(both, tmp_path):
     same(np.load(tmp_path / "rows.npy"), one.walk(40, 1e-3, 25))
 
 
-@pytest.fixture(scope="module", params=["native", "python"])
+@pytest.fixture(scope="module", params=["both", "python"])
 def sample(request, native_folders, python_folders):
     """An instance in the middle of a run, and its serialised state."""
     from native_calls import Calls
 
-    one = Calls({"native": native_folders, "python": python_folders}[request.param]["two_bar_nsh"])
+    one = Calls({"both": native_folders, "python": python_folders}[request.param]["two_bar_nsh"])
     one.start()
     one.set({"n4.force.z" if "n4.force.z" in one.by_name else "n3.force.z": 20.0})
     one.walk(7)
@@ -1099,12 +1099,12 @@ def test_instances_and_fmus_do_not_touch_each_other(both):
     assert still.get("n4.z") == pytest.approx(scene("three_bar_nsh").nodes[3, 2], abs=1e-9)
 
 
-def test_the_library_may_be_loaded_globally_beside_the_python_fmu(native, native_folders, pair):
+def test_the_library_may_be_loaded_globally_beside_the_python_fmu(both, native_folders, pair):
     """RTLD_GLOBAL makes the FMI functions visible to all: each FMU must go on with its own."""
     ctypes.CDLL(str(library_of(native_folders["six_bar"])), mode=ctypes.RTLD_GLOBAL)
     python, _ = pair("two_bar")
     python.start()
-    one = native("two_bar", "stepping")
+    one = both("two_bar", "stepping")
     one.walk(3)
     for k in range(3):
         python.fmu.doStep(k * 0.01, 0.01)
@@ -1134,7 +1134,7 @@ def test_fmpy_runs_it_from_a_folder_with_odd_characters(native_fmus, tmp_path):
 # What fmpy does with discarded steps
 
 
-@pytest.mark.parametrize("runtime", ["native", "python"])
+@pytest.mark.parametrize("runtime", ["both", "python"])
 @pytest.mark.parametrize(
     "settings",
     [
@@ -1146,7 +1146,7 @@ def test_simulate_fmu_ends_at_a_step_that_cannot_be_completed(runtime, settings,
     """It asks whether the run is to end, and would try the same step for ever if told that it is not."""
     from fmpy import simulate_fmu
 
-    fmu = (native_fmus if runtime == "native" else fmus)["three_bar_nsh"]
+    fmu = (native_fmus if runtime == "both" else fmus)["three_bar_nsh"]
     result = simulate_fmu(str(fmu), stop_time=5.0, output_interval=0.01, output=["n4.z"], timeout=60.0, **settings)
     assert result["time"][-1] < 1.0 and len(result) < 200 and np.all(np.isfinite(result["n4.z"]))
 
@@ -1178,7 +1178,7 @@ def test_events_say_what_they_mean_and_both_runtimes_say_it_alike(pair):
         for k in range(100, 150):
             one.fmu.doStep(k * 0.01, 0.01)
         lines.append([text for _, category, text in one.messages if category == "logEvents"])
-    native, python = lines[1], lines[0]
-    assert native == python and len(native) > 20
+    both, python = lines[1], lines[0]
+    assert both == python and len(both) > 20
     for ending in (", slack", ", taut", ", 1 snapped", ", 3 snapped"):
-        assert any(line.endswith(ending) for line in native), ending
+        assert any(line.endswith(ending) for line in both), ending

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import sys
 from typing import NamedTuple
@@ -19,12 +20,21 @@ _SETTABLE = {"input": SETTING, "tunable": SETTING, "fixed": INSTANTIATED | INITI
 
 
 class Group(NamedTuple):
-    """The references of one call.  index: into the block; low, high: bounds; settable: modes in which all are."""
+    """The references of one call.  index: into the block; bounded: places in the call, and bounds, of those that have any;
+    settable: modes in which all are."""
 
     index: np.ndarray | slice
-    low: list
-    high: list
+    bounded: list[tuple[int, float, float]]
     settable: int
+
+    def surely_accepts(self, values) -> bool:
+        """Whether all values are finite and in range; of very large ones it is not sure."""
+        if not math.isfinite(sum(values)):
+            return False
+        for place, low, high in self.bounded:
+            if not low <= values[place] <= high:
+                return False
+        return True
 
 
 class Block:
@@ -50,10 +60,10 @@ class Block:
 
     def _make(self, index):
         contiguous = bool(np.all(np.diff(index) == 1))
+        bounds = zip(range(len(index)), self._low[index].tolist(), self._high[index].tolist())
         return Group(
             index=slice(int(index[0]), int(index[-1]) + 1) if contiguous else index,
-            low=self._low[index].tolist(),
-            high=self._high[index].tolist(),
+            bounded=[row for row in bounds if row[1] > -_LARGEST or row[2] < _LARGEST],
             settable=int(np.bitwise_and.reduce(self._settable[index])),
         )
 
