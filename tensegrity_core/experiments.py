@@ -14,9 +14,10 @@ import numpy as np
 from . import nsh as law
 from . import one_dimensional
 from .errors import InputError
-from .inputs import grid, held
+from .inputs import grid, held, Inputs
 from .kernel import simulate
 from .model import NSH, Model
+from .peaks import largest
 from .result import Result
 from .scene import load_scene
 from .statics import build_model
@@ -151,9 +152,14 @@ def experiment_1(systems: Sequence[str] = SYSTEMS, duration: float = LIFT_DURATI
 # --- II: square wave ---------------------------------------------------------------------------------------------
 
 
-def square_wave(
+def square_wave(model: Model, **options) -> Result:
+    """The motion under a square wave; options: see wave_inputs."""
+    return simulate(model, wave_inputs(model, **options))
+
+
+def wave_inputs(
     model: Model, node: str = "n4", duration: float = WAVE_DURATION, amplitude: float = WAVE, phase: float = 0.0
-) -> Result:
+) -> Inputs:
     """A vertical square wave on a node: +amplitude (N) for half a period first; phase: periods that the wave has run before.
 
     That it starts upwards is chosen here; phase = 0.5 starts it downwards.
@@ -164,7 +170,7 @@ def square_wave(
     def force(t: float) -> np.ndarray:
         return push if (t / PERIOD + phase) % 1.0 < 0.5 else -push
 
-    return simulate(model, held(model, grid(duration, STEP), force))
+    return held(model, grid(duration, STEP), force)
 
 
 def displacement(result: Result, node: int) -> np.ndarray:
@@ -172,16 +178,23 @@ def displacement(result: Result, node: int) -> np.ndarray:
     return result.position[:, node] - result.position[0, node]
 
 
-def steady_span(times: np.ndarray, moved: np.ndarray, period: float = PERIOD) -> np.ndarray:
-    """(3,) m: how far each coordinate swings in the last period of a run."""
-    return np.ptp(moved[times >= times[-1] - period - 1e-9], axis=0)
+@dataclass(frozen=True)
+class WavePeaks:
+    """What is largest in a run, also between its communication points.  way: m, of a node from its start; force: N, elastic, of
+    some strings together; swing: (3,) m, how far each coordinate swings at the end."""
+
+    way: float
+    force: float
+    swing: np.ndarray
 
 
 @dataclass(frozen=True)
 class Wave:
-    """Experiment II: (scene, damping in N s/m) -> its motion; node: the one that is watched; string: likewise."""
+    """Experiment II: (scene, damping in N s/m) -> its motion, and what is largest in it; node: the one that is watched; string:
+    likewise."""
 
     runs: dict[tuple[str, float], Result]
+    peaks: dict[tuple[str, float], WavePeaks]
     model: Model
     node: str = "n5"
     string: str = "s1"
@@ -212,42 +225,80 @@ class Wave:
         node, string = self.node, self.string
         rows = [["scene", "d", f"largest way of {node}", "swing in x, y, z, last period", f"largest force of {string}"]]
         for name, damping in self.runs:
-            moved = self.displacement(name, damping)
-            swing = ", ".join(f"{x:.3f}" for x in steady_span(self.times, moved))
-            way, force = np.linalg.norm(moved, axis=1).max(), self.string_force(name, damping).max()
-            rows.append([name, f"{damping:g} N s/m", f"{way:.3f} m", f"{swing} m", f"{force:.1f} N"])
+            found = self.peaks[name, damping]
+            swing = ", ".join(f"{x:.3f}" for x in found.swing)
+            rows.append([name, f"{damping:g} N s/m", f"{found.way:.3f} m", f"{swing} m", f"{found.force:.1f} N"])
         return _table(rows)
 
 
 def experiment_2(duration: float = WAVE_DURATION, dampings: Sequence[float] = DAMPINGS) -> Wave:
     """II: the three-bar system under a square wave on n4, at three dampings of all strings, without and with NSH."""
-    runs = {}
+    runs, peaks = {}, {}
     for damping in dampings:
         for kind in KINDS:
             model = system("three_bar" + kind)
             damped = replace(model, damping=np.full(len(model.strings), float(damping)))
-            runs[model.name, damping] = square_wave(damped, duration=duration)
-    return Wave(runs, model)
+            inputs = wave_inputs(damped, duration=duration)
+            runs[model.name, damping] = simulate(damped, inputs)
+            peaks[model.name, damping] = wave_peaks(damped, inputs, Wave.node, [Wave.string])
+    return Wave(runs, peaks, model)
+
+
+def wave_peaks(
+    model: Model, inputs: Inputs, node: str, strings: Sequence[str], drawn: float = np.inf, last: float = PERIOD
+) -> WavePeaks:
+    """Of a run; drawn: s, until which way and force are taken; last: s, over which the swing is."""
+    place, chosen = model.node_names.index(node), [model.string_names.index(name) for name in strings]
+
+    def watched(result: Result) -> np.ndarray:
+        moved, times = displacement(result, place), result.times
+        force = result.elastic_force[:, chosen].sum(axis=1)
+        until, since = times <= drawn + 1e-9, times >= times[-1] - last - 1e-9
+        early = np.column_stack((np.linalg.norm(moved, axis=1), force))
+        late = np.hstack((moved, -moved))
+        return np.hstack([np.where(at[:, None], x, x[at].min(axis=0)) for at, x in ((until, early), (since, late))])
+
+    way, force, *ends = largest(model, inputs, watched)
+    return WavePeaks(float(way), float(force), np.add(ends[:3], ends[3:]))
 
 
 # --- III: actuated top strings -----------------------------------------------------------------------------------
 
 
 def actuated(model: Model, duration: float = SINE_DURATION) -> Result:
+    """The motion under these rest lengths, see sine_inputs."""
+    return simulate(model, sine_inputs(model, duration))
+
+
+def sine_inputs(model: Model, duration: float = SINE_DURATION) -> Inputs:
     """Rest lengths of the top strings as xi0(0) + 0.15 m sin(2 pi (t - 2 s) / 2.5 s) from t = 2 s on."""
     moving = top_strings(model)
 
     def rest_length(t: float) -> np.ndarray:
         return model.rest_length + moving * (SINE * np.sin(2.0 * np.pi * max(t - SINE_START, 0.0) / SINE_PERIOD))
 
-    return simulate(model, held(model, grid(duration, STEP), rest_length=rest_length))
+    return held(model, grid(duration, STEP), rest_length=rest_length)
+
+
+def sine_peaks(model: Model, inputs: Inputs) -> tuple[float, np.ndarray]:
+    """m, of the last node from 2 s on, also between the communication points: its largest way, and by axis (axes,) its swing."""
+
+    def watched(result: Result) -> np.ndarray:
+        moved = displacement(result, len(model.nodes) - 1)[:, list(model.axes)]
+        found = np.hstack((np.linalg.norm(moved, axis=1)[:, None], moved, -moved))
+        since = result.times >= SINE_START - 1e-9
+        return np.where(since[:, None], found, found[since].min(axis=0))
+
+    way, *ends = largest(model, inputs, watched)
+    return float(way), np.add(ends[: len(model.axes)], ends[len(model.axes) :])
 
 
 @dataclass(frozen=True)
 class Actuation:
-    """Experiment III: scene -> its model and motion."""
+    """Experiment III: scene -> its model and motion, and what is largest in it, see sine_peaks."""
 
     runs: dict[str, tuple[Model, Result]]
+    peaks: dict[str, tuple[float, np.ndarray]]
 
     def rows(self) -> np.ndarray:
         """Rows of the results from 2 s on."""
@@ -274,9 +325,9 @@ class Actuation:
     def summary(self) -> str:
         rows = [["scene", "node", "largest way", "swing by axis"]]
         for name, (model, _) in self.runs.items():
-            moved = self.displacement(name)
-            swing = ", ".join(f"{'xyz'[a]} {1e3 * s:.1f}" for a, s in zip(model.axes, np.ptp(moved, axis=0)))
-            rows.append([name, model.node_names[-1], f"{1e3 * np.linalg.norm(moved, axis=1).max():.1f} mm", f"{swing} mm"])
+            way, swings = self.peaks[name]
+            swing = ", ".join(f"{'xyz'[a]} {1e3 * s:.1f}" for a, s in zip(model.axes, swings))
+            rows.append([name, model.node_names[-1], f"{1e3 * way:.1f} mm", f"{swing} mm"])
         return _table(rows)
 
 
@@ -285,7 +336,9 @@ def experiment_3(systems: Sequence[str] = SYSTEMS, duration: float = SINE_DURATI
     if not duration > SINE_START:
         raise InputError(f"duration = {duration!r} s: the strings move from {SINE_START:g} s on; simulate for longer")
     models = [system(name + kind) for name in systems for kind in KINDS]
-    return Actuation({model.name: (model, actuated(model, duration)) for model in models})
+    inputs = {model.name: sine_inputs(model, duration) for model in models}
+    runs = {model.name: (model, simulate(model, inputs[model.name])) for model in models}
+    return Actuation(runs, {model.name: sine_peaks(model, inputs[model.name]) for model in models})
 
 
 # --- IV: one dimension -------------------------------------------------------------------------------------------
@@ -299,9 +352,19 @@ def article_nsh() -> NSH:
 
 @dataclass(frozen=True)
 class Absorption:
-    """Experiment IV: 'plain' and 'nsh' -> the motion."""
+    """Experiment IV: 'plain' and 'nsh' -> the motion, and what moves."""
 
     runs: dict[str, one_dimensional.Motion]
+    systems: dict[str, one_dimensional.Oscillator]
+
+    def stored(self, name: str) -> float:
+        """J: what mass and spring hold at the end."""
+        run = self.runs[name]
+        return float(self.systems[name].stored(run.position[-1], run.velocity[-1]))
+
+    def per_period(self, name: str) -> list[float]:
+        """J: absorbed in each whole period."""
+        return np.diff(self.runs[name].absorbed[:: round(PERIOD / PULSE_STEP)]).tolist()
 
     def columns(self) -> dict[str, np.ndarray]:
         """Time (s), the force (N) of the step that led there; per system x (m), x' (m/s), power (W), absorbed energy (J)."""
@@ -313,10 +376,13 @@ class Absorption:
         return found
 
     def summary(self) -> str:
-        rows = [["system", "largest x", "largest power", "absorbed energy"]]
+        rows = [["system", "largest x", "largest power", "absorbed energy", "by period", "at the end"]]
         for name, run in self.runs.items():
-            x, power = 1e3 * run.position.max(), run.power.max()
-            rows.append([name, f"{x:.1f} mm", f"{power:.2f} W", f"{run.absorbed[-1]:.3f} J in {run.times[-1]:g} s"])
+            x, power = 1e3 * run.largest_position, run.largest_power
+            absorbed = f"{run.absorbed[-1]:.3f} J in {run.times[-1]:g} s"
+            periods = ", ".join(f"{energy:.2f}" for energy in self.per_period(name)) or "-"
+            end = f"{1e3 * run.position[-1]:.1f} mm, {self.stored(name):.2f} J stored"
+            rows.append([name, f"{x:.1f} mm", f"{power:.2f} W", absorbed, f"{periods} J", end])
         return _table(rows)
 
 
@@ -332,7 +398,7 @@ def experiment_4(duration: float = PULSE_DURATION, damping: float = DAMPING, sti
     force = np.where(middle / PERIOD % 1.0 < 0.5, high, low)
     plain = one_dimensional.Oscillator(mass, stiffness, damping)
     systems = {"plain": plain, "nsh": replace(plain, nsh=article_nsh())}
-    return Absorption({name: one_dimensional.simulate(each, times, force) for name, each in systems.items()})
+    return Absorption({name: one_dimensional.simulate(each, times, force) for name, each in systems.items()}, systems)
 
 
 # --- figures 3 and 5: force curves -------------------------------------------------------------------------------

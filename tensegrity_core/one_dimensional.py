@@ -62,14 +62,26 @@ class Oscillator:
         return -law.force_on_piece(self.nsh, zero - piece + 1, -x, self.stiffness)
 
 
+    def stored(self, x: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """J: energy in mass and spring at positions and velocities, m and m/s."""
+        spring = 0.5 * self.stiffness * x**2 if self.nsh is None else law.energy(self.nsh, np.abs(x), self.stiffness)
+        return 0.5 * self.mass * velocity**2 + spring
+
+
 @dataclass(frozen=True)
 class Motion:
-    """times: (K+1,) s; position, velocity: (K+1,) m, m/s; force: (K,) N, held over the steps."""
+    """times: (K+1,) s; position, velocity: (K+1,) m, m/s; force: (K,) N, held over the steps.
+
+    largest_position, largest_power: m and W, over the whole motion, also between the points and on either side of a jump of
+    the force.
+    """
 
     times: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
     force: np.ndarray
+    largest_position: float
+    largest_power: float
 
     @property
     def power(self) -> np.ndarray:
@@ -92,30 +104,39 @@ def simulate(oscillator: Oscillator, times: np.ndarray, force: np.ndarray) -> Mo
         raise InputError(f"times have the shape {times.shape} and force {force.shape}; give (K+1,) and (K,), K at least 1")
     states = np.zeros((len(times), 2))
     switches = [0, *(np.flatnonzero(np.diff(force)) + 1), len(force)]
+    position, power = 0.0, 0.0
     for first, last in zip(switches, switches[1:]):  # the force is constant from times[first] to times[last]
-        states[first : last + 1] = _segment(oscillator, times[first : last + 1], float(force[first]), states[first])
-    return Motion(times, *states.T, force)
+        rows, held = slice(first, last + 1), float(force[first])
+        states[rows], extremes = _segment(oscillator, times[rows], held, states[first])
+        position, power = max(position, extremes[:, 0].max()), max(power, (held * extremes[:, 1]).max())
+    return Motion(times, *states.T, force, float(position), float(power))
 
 
-def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.ndarray) -> np.ndarray:
-    """(len(times), 2) states under a constant force, from the state at times[0]."""
+def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(len(times), 2) states under a constant force, from the state at times[0]; and (n, 2) those where position or velocity
+    may be largest: at both ends, and where the velocity or the acceleration is zero."""
     from scipy.integrate import solve_ivp  # here, since the command imports this module and it would slow every start
 
-    found, t, row = np.empty((len(times), 2)), times[0], 0
+    found, t, row, extremes = np.empty((len(times), 2)), times[0], 0, [state]
     while True:
         piece = oscillator.piece(*state, force)
+
+        def rates(t, y):
+            return y[1], (force - oscillator.damping * y[1] - oscillator.spring_force(piece, y[0])) / oscillator.mass
+
+        events = [*_ends(oscillator, piece), lambda t, y: y[1], lambda t, y: rates(t, y)[1]]
         run = solve_ivp(
-            lambda t, y: (y[1], (force - oscillator.damping * y[1] - oscillator.spring_force(piece, y[0])) / oscillator.mass),
-            (t, times[-1]), state, method="DOP853", rtol=RTOL, atol=ATOL, events=_ends(oscillator, piece), dense_output=True,
-        )  # fmt: skip
+            rates, (t, times[-1]), state, method="DOP853", rtol=RTOL, atol=ATOL, events=events, dense_output=True
+        )
         t, state = run.t[-1], run.y[:, -1]
+        extremes += [state, *(y for turns in run.y_events[2:] for y in turns)]
         stop = np.searchsorted(times, t, side="right")
         if stop > row:
             found[row:stop] = run.sol(times[row:stop]).T
             row = stop
         if run.status == 0:
-            return found
-        state = np.array([oscillator.breakpoints[piece if len(run.t_events[-1]) else piece - 1], state[1]])
+            return found, np.array(extremes)
+        state = np.array([oscillator.breakpoints[piece if len(run.t_events[1]) else piece - 1], state[1]])
 
 
 def _ends(oscillator: Oscillator, piece: int) -> list:

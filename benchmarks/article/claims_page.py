@@ -17,7 +17,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import machine  # noqa: E402
 from article import claims as rules  # noqa: E402
 from article.claims import CLAIMS, NO, NUMBERED, PARTLY, YES, Claim, swing, way  # noqa: E402
-from article.measures import measure  # noqa: E402
+from article.measures import measure, REPEATED_SECONDS  # noqa: E402
 from article.variants import VARIANTS  # noqa: E402
 from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
@@ -38,6 +38,8 @@ TITLES = {
 
 # --- figure ------------------------------------------------------------------------------------------------------
 
+#: A verdict's sign and what it is written in, for readers who do not tell the colours apart.
+SIGNS = {NO: ("\u2717", "white"), PARTLY: ("~", "black"), YES: ("\u2713", "white"), None: ("", "black")}
 COLOURS = {NO: "#d1495b", PARTLY: "#edae49", YES: "#1b9aaa", None: "#e6e4de"}
 RANKS = {NO: 0, PARTLY: 1, YES: 2, None: 3}
 
@@ -53,9 +55,14 @@ def draw(data: dict) -> Figure:
     panels = figure.subplots(len(rows), 1, height_ratios=rows)
     for axes, (experiment, variants) in zip(panels, VARIANTS.items()):
         claims = scanned(experiment)
-        ranks = [[RANKS[claim.verdict(data, variant.key)] for claim in claims.values()] for variant in variants]
+        verdicts = [[claim.verdict(data, variant.key) for claim in claims.values()] for variant in variants]
+        ranks = [[RANKS[verdict] for verdict in row] for row in verdicts]
         colours = {"cmap": ListedColormap(list(COLOURS.values())), "vmin": -0.5, "vmax": 3.5}
         axes.pcolormesh(ranks, **colours, edgecolors="white", linewidth=1.5)
+        for i, row in enumerate(verdicts):
+            for j, verdict in enumerate(row):
+                sign, colour = SIGNS[verdict]
+                axes.text(j + 0.5, i + 0.5, sign, color=colour, fontsize=7, ha="center", va="center_baseline")
         axes.set_xticks([i + 0.5 for i in range(len(claims))], [str(number) for number in claims])
         axes.set_yticks([i + 0.5 for i in range(len(variants))], [variant.about.replace("`", "") for variant in variants])
         axes.tick_params(length=0, labelsize=7.5)
@@ -64,7 +71,7 @@ def draw(data: dict) -> Figure:
         axes.grid(False)
         axes.set_title(f"{TITLES[experiment]}; claims by number")
         axes.spines[:].set_visible(False)
-    handles = [Patch(color=COLOURS[verdict], label=verdict) for verdict in (YES, PARTLY, NO)]
+    handles = [Patch(color=COLOURS[verdict], label=f"{SIGNS[verdict][0]} {verdict}") for verdict in (YES, PARTLY, NO)]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, title="reproduced")
     return figure
 
@@ -152,9 +159,10 @@ def oscillator_table(data: dict) -> str:
     rows = []
     for variant in VARIANTS["IV"]:
         m = data["IV"][variant.key]
-        cells = [f"{m['nsh'][key]:.2f}, {m['plain'][key]:.2f}" for key in ("power", "first", "absorbed")]
-        rows.append([variant.about, *cells])
-    return table(["with, without NSH", "largest power, W", "absorbed in 1 s, J", "absorbed in 4 s, J"], rows)
+        values = [(m[kind]["power"], m[kind]["periods"][0], m[kind]["absorbed"], m[kind]["stored"]) for kind in ("nsh", "plain")]
+        rows.append([variant.about, *(f"{one:.2f}, {other:.2f}" for one, other in zip(*values))])
+    head = ["with, without NSH", "largest power, W", "absorbed in 1 s, J", "absorbed in 4 s, J", "of it stored at the end, J"]
+    return table(head, rows)
 
 
 def tally(data: dict) -> str:
@@ -168,6 +176,24 @@ def wave_text(data: dict) -> str:
     return f"""Forces of this size throw the three-bar system between two shapes: without load it stands at
 {rise['start']:.3f} m, and {rise['lift']:.1f} N on each top node are enough to lift it by {rise['gap']:.2f} m into the other.
 n5's displacement is mostly this change of shape, with NSH and without. The choices of the first figure in numbers:"""
+
+
+def repeats_text(data: dict) -> str:
+    """After how many periods of the wave the motion comes back; the same on docs/experiments.md, from its own data."""
+    usual, others = [], []
+    for key, found in data["repeats"].items():
+        kind, damping = key.split("/")
+        case = f"d = {damping} {'with' if kind == 'nsh' else 'without'} NSH"
+        if found["periods"] == 1:
+            usual.append(case)
+        elif found["periods"] is None:
+            others.append(f"At {case} it does not within {len(found['off'])} periods.")
+        else:
+            before, there = (100 * found["off"][i] for i in (0, found["periods"] - 1))
+            others.append(f"At {case} it comes back after {found['periods']} periods of the wave: {before:.0f} % of the swing off "
+                          f"one period before, {there:.1f} % off {found['periods']} periods before.")  # fmt: skip
+    seconds = f"{REPEATED_SECONDS:.0f}"
+    return " ".join([f"After {seconds} s n5's motion comes back with each period of the wave at {', '.join(usual)}.", *others])
 
 
 def sweep_text(data: dict) -> str:
@@ -216,7 +242,7 @@ def report(data: dict) -> str:
         "Each claim is a rule over measured numbers, *partly* where only some of its conditions hold. The article's words are "
         f"taken to mean: {WORDS}",
         OPEN,
-        "![Verdicts under every choice](figures/claims.png)",
+        "![Verdicts under every choice: \u2713 yes, ~ partly, \u2717 no](figures/claims.png)",
     ]
     for experiment, title in TITLES.items():
         blocks += [f"## {title}", claims_table(experiment, data)]
@@ -225,7 +251,7 @@ def report(data: dict) -> str:
         if experiment == "IV":
             blocks.append(oscillator_table(data))
         if experiment == "II":
-            blocks += [wave_text(data), wave_table(data), sweep_text(data)]
+            blocks += [repeats_text(data), wave_text(data), wave_table(data), sweep_text(data)]
             blocks.append("![Swing and string force against the damping](figures/claims_damping.png)")
     blocks.append(
         f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers "

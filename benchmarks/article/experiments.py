@@ -16,7 +16,9 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 import machine  # noqa: E402
-from stability.common import wrapped  # noqa: E402
+from article.claims_page import repeats_text  # noqa: E402
+from article.measures import repeats  # noqa: E402
+from stability.common import plain, wrapped  # noqa: E402
 
 from tensegrity_core.experiment_figures import FIGURES, write_figures  # noqa: E402
 from tensegrity_core.experiments import EXPERIMENTS, SYSTEMS  # noqa: E402
@@ -53,9 +55,12 @@ SECTIONS = {
         "IV: one dimension",
         "A mass on one spring and damper, 100 N in the first half of every second. The article gives no mass, stiffness or "
         "damping: 1 kg, 5000 N/m and 500 N s/m are those of a bar and a string of its 3D systems. Power is velocity times "
-        "external force; its integral is the absorbed energy.",
+        "external force; its integral is the absorbed energy, part of which is still stored at the end.",
     ),
 }
+
+
+LARGEST = "Largest values, and swings, are those of the motion, not of the samples that figures and CSV file show."
 
 
 def collect(folder: Path) -> dict:
@@ -69,7 +74,7 @@ def collect(folder: Path) -> dict:
         write_columns(data.columns(), stem.with_suffix(".csv"))
         write_figures(name, data, stem)
         tables[name] = data.summary().splitlines()
-    return {"machine": where, "seconds": round(time.perf_counter() - began), "tables": tables}
+    return {"machine": where, "seconds": round(time.perf_counter() - began), "tables": tables, "repeats": plain(repeats(), 6)}
 
 
 def report(data: dict) -> str:
@@ -84,7 +89,8 @@ def report(data: dict) -> str:
         files = f"Command: `tensegrity experiment {name}`. Data: [CSV](figures/experiment_{name}.csv)."
         pictures = [f"![Figure {n}](figures/experiment_{name}_figure_{n}.png)" for n in FIGURES[name]]
         table = "\n".join(["```text", *data["tables"][name], "```"])
-        blocks += [f"## {title}", text, *pictures, table, files]
+        more = {"II": [LARGEST, repeats_text(data)], "III": [LARGEST], "IV": [LARGEST]}.get(name, [])
+        blocks += [f"## {title}", text, *pictures, table, *more, files]
     blocks.append(
         f"Computed at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']} s. Written by "
         "`python benchmarks/article/experiments.py`; each PNG has an SVG beside it."

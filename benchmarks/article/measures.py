@@ -17,7 +17,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from article.variants import BASE, VARIANTS, Variant  # noqa: E402
 
-from tensegrity_core import experiments, laws, nsh  # noqa: E402
+from tensegrity_core import experiments, kernel, laws, nsh  # noqa: E402
 from tensegrity_core.errors import TensegrityError  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
 from tensegrity_core.result import Result  # noqa: E402
@@ -28,6 +28,8 @@ PLAIN, NSH = "plain", "nsh"
 SUFFIX = {PLAIN: "", NSH: "_nsh"}
 #: II is run for longer than it is drawn, so that its last two periods can stand for the steady response.
 WAVE_SECONDS, DRAWN_SECONDS = 10.0, experiments.WAVE_DURATION
+#: II is run for so long to see after how many periods of the wave the motion comes back, of up to so many.
+REPEATED_SECONDS, MOST_REPEATS = 60.0, 6
 #: Snap loads are bisected to this width, N.
 SNAP_WIDTH = 0.01
 #: Dampings at which II is swept, N s/m.
@@ -165,17 +167,20 @@ def wave(variant: Variant, kind: str, damping: float) -> dict:
     scene = load_scene("three_bar" + SUFFIX[kind])
     model = build_model(scene)
     model = variant.change(replace(model, damping=np.full(len(model.strings), variant.damping * damping)))
-    result = experiments.square_wave(model, duration=WAVE_SECONDS, phase=variant.phase)
+    inputs = experiments.wave_inputs(model, duration=WAVE_SECONDS, phase=variant.phase)
+    result = kernel.simulate(model, inputs)
     moved = experiments.displacement(result, model.node_names.index("n5"))
     drawn = result.times <= DRAWN_SECONDS + 1e-9
-    swing = experiments.steady_span(result.times, moved, 2.0 * experiments.PERIOD)
+    last = 2.0 * experiments.PERIOD
+    peaks = experiments.wave_peaks(model, inputs, "n5", joining(model, "n1", "n4"), DRAWN_SECONDS, last)
+    swing = float(np.linalg.norm(peaks.swing))
     force = between(model, result, "n1", "n4")[drawn]
     beams = snapped(model, result.snapped, result.string_length)[drawn, 0] if kind == NSH else np.zeros(1, dtype=int)
     return {
-        "way": float(np.linalg.norm(moved[drawn], axis=1).max()),
-        "swing": [*swing.tolist(), float(np.linalg.norm(swing))],
-        "away": away(moved, float(np.linalg.norm(swing))),
-        "force_peak": float(force.max()),
+        "way": peaks.way,
+        "swing": [*peaks.swing.tolist(), swing],
+        "away": away(moved, swing),
+        "force_peak": peaks.force,
         "force_mean": float(force.mean()),
         "bar_mean": float(np.abs(result.bar_force[drawn]).mean()),
         "snaps": int(np.maximum(np.diff(beams), 0).sum()),
@@ -185,9 +190,31 @@ def wave(variant: Variant, kind: str, damping: float) -> dict:
 
 def between(model: Model, result: Result, first: str, second: str) -> np.ndarray:
     """(K+1,) N: elastic force of all strings between two nodes."""
-    ends = sorted(model.node_names.index(name) for name in (first, second))
-    joined = [i for i, pair in enumerate(model.strings.tolist()) if sorted(pair) == ends]
+    joined = [model.string_names.index(name) for name in joining(model, first, second)]
     return result.elastic_force[:, joined].sum(axis=1)
+
+
+def joining(model: Model, first: str, second: str) -> list[str]:
+    """Names of the strings between two nodes."""
+    ends = sorted(model.node_names.index(name) for name in (first, second))
+    return [name for name, pair in zip(model.string_names, model.strings.tolist()) if sorted(pair) == ends]
+
+
+def repeats() -> dict:
+    """'plain/500' and so on, of the base model: after how many periods of the wave the motion of n5 comes back, to within 1 % of
+    its swing, once REPEATED_SECONDS have passed, and how far it is off after 1, 2 ... MOST_REPEATS periods, of the swing."""
+    found = {}
+    for damping in experiments.DAMPINGS:
+        for kind in (PLAIN, NSH):
+            model = build_model(load_scene("three_bar" + SUFFIX[kind]))
+            model = replace(model, damping=np.full(len(model.strings), damping))
+            result = experiments.square_wave(model, duration=REPEATED_SECONDS)
+            moved = experiments.displacement(result, model.node_names.index("n5"))
+            rows = MOST_REPEATS * round(experiments.PERIOD / experiments.STEP)
+            off = away(moved, float(np.linalg.norm(np.ptp(moved[-rows:], axis=0))))[: -MOST_REPEATS - 1 : -1]
+            periods = next((i for i, x in enumerate(off, 1) if x <= 0.01), None)
+            found[f"{kind}/{damping:g}"] = {"periods": periods, "off": off}
+    return found
 
 
 def away(moved: np.ndarray, swing: float) -> list[float]:
@@ -207,7 +234,7 @@ def measure_3(variant: Variant) -> dict:
         for suffix in SUFFIX.values():
             name = system + suffix
             model = variant.model(name)
-            data = experiments.Actuation({name: (model, experiments.actuated(model))})
+            data = experiments.Actuation({name: (model, experiments.actuated(model))}, {})
             paths[name] = data.displacement(name)
             found[name] = motion(data.times, paths[name])
         apart = np.linalg.norm(paths[system + "_nsh"] - paths[system], axis=1).max()
@@ -243,15 +270,17 @@ def turns(series: np.ndarray) -> int:
 
 
 def measure_4(variant: Variant) -> dict:
-    """'plain' and 'nsh' -> absorbed: J, in the whole run and in its first period; power: W, the largest; x: m, the largest."""
+    """'plain' and 'nsh' -> absorbed: J, in the whole run, and periods: in each of its periods; power: W, the largest; x: m, the
+    largest; end: m, where the mass stands at the end, and stored: J, what it and its spring hold there."""
     data = experiments.experiment_4(**variant.oscillator)
-    period = round(experiments.PERIOD / experiments.PULSE_STEP)
     return {
         name: {
             "absorbed": float(run.absorbed[-1]),
-            "first": float(run.absorbed[period]),
-            "power": float(run.power.max()),
-            "x": float(run.position.max()),
+            "periods": data.per_period(name),
+            "power": run.largest_power,
+            "x": run.largest_position,
+            "end": float(run.position[-1]),
+            "stored": data.stored(name),
         }
         for name, run in data.runs.items()
     }
@@ -288,7 +317,7 @@ MEASURES = {"I": measure_1, "II": measure_2, "III": measure_3, "IV": measure_4}
 def measure() -> dict:
     """Everything: 'statics', 'rise' and 'snaps' of the base model, and per experiment variant -> numbers, or what went wrong;
     'sweep': damping -> numbers of II."""
-    found: dict = {"statics": measure_statics(), "rise": rise()}
+    found: dict = {"statics": measure_statics(), "rise": rise(), "repeats": repeats()}
     found["snaps"] = {name: located_snaps(BASE.model(f"{name}_nsh")) for name in experiments.SYSTEMS}
     for experiment, variants in VARIANTS.items():
         found[experiment] = {}
