@@ -6,13 +6,14 @@ from __future__ import annotations
 import csv
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tensegrity_core import cli, equations, experiments, nsh, one_dimensional, statics
+from tensegrity_core import cli, equations, experiments, kernel, nsh, one_dimensional, peaks, statics
 from tensegrity_core.errors import InputError
 from tensegrity_core.experiment_figures import FIGURES
 
@@ -41,6 +42,65 @@ def test_linear_oscillator_follows_its_exponential(damping):
         assert found.velocity[k + 1] == pytest.approx(state[1], abs=1e-8)
         power.append(state[1] * f)
     assert found.power[1:] == pytest.approx(power, abs=1e-6)
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(5000.0, 500.0), (15000.0, 500.0), (5000.0, 50.0), (5000.0, 0.0)])
+def test_largest_power_is_that_of_the_motion(stiffness, damping):
+    """Of a linear oscillator of 1 kg under a step of 100 N: v = F (exp(r t) - exp(s t)) / (r - s), with the roots r and s of
+    r^2 + d r + k = 0, is largest where r exp(r t) = s exp(s t); and x there where v is zero, or F/k where it creeps."""
+    r, s = np.roots([1.0, damping, stiffness]).astype(complex)
+    t = np.log(s / r) / (r - s)
+    speed = 100.0 * (np.exp(r * t) - np.exp(s * t)) / (r - s)
+    found = experiments.experiment_4(duration=0.4, damping=damping, stiffness=stiffness).runs["plain"]
+    assert found.largest_power == pytest.approx(100.0 * speed.real, rel=1e-9)
+    assert found.power.max() < found.largest_power
+    overshoot = np.exp(-0.5 * np.pi * damping / r.imag) if r.imag else 0.0
+    reached = 1.0 + overshoot if r.imag else 1.0
+    assert found.largest_position == pytest.approx(100.0 / stiffness * reached, rel=1e-9 if r.imag else 0.02)
+
+
+def test_largest_power_may_stand_right_behind_a_jump_of_the_force():
+    """100 N, then 120 N from when the mass has passed 120 N / k and slows down under either."""
+    w = np.sqrt(5000.0)
+    times = np.array([0.0, 1.9 / w, 2.4 / w])
+    run = one_dimensional.simulate(one_dimensional.Oscillator(1.0, 5000.0, 0.0), times, np.array([100.0, 120.0]))
+    assert run.largest_power == pytest.approx(120.0 * 100.0 / w * np.sin(1.9), rel=1e-9)
+    assert run.power.max() < 0.95 * run.largest_power
+
+
+def test_what_is_stored_and_dissipated_was_absorbed():
+    data = experiments.experiment_4(duration=2.0)
+    for name, run in data.runs.items():
+        times = np.linspace(0.0, 2.0, len(run.times))
+        lost = np.trapezoid(experiments.DAMPING * run.velocity**2, times)
+        assert data.stored(name) + lost == pytest.approx(run.absorbed[-1], rel=2e-3)
+        assert sum(data.per_period(name)) == pytest.approx(run.absorbed[-1])
+
+
+# --- peaks -------------------------------------------------------------------------------------------------------
+
+
+def test_peaks_are_those_of_a_run_with_many_points():
+    model = experiments.system("three_bar")
+    model = replace(model, damping=np.full(len(model.strings), 50.0))
+    coarse = experiments.wave_inputs(model, duration=0.3)
+    many = peaks.refined(coarse, peaks.divided(coarse.times, 1000, np.arange(30)))
+    tight = kernel.simulate(model, many).elastic_force
+    found = peaks.largest(model, coarse, lambda result: result.elastic_force)
+    np.testing.assert_allclose(found, tight.max(axis=0), rtol=1e-6)
+    sampled = kernel.simulate(model, coarse).elastic_force.max(axis=0)
+    assert np.all(found >= sampled * (1.0 - 1e-9)) and np.any(found > 1.001 * sampled)
+
+
+def test_refined_inputs_are_the_same_inputs():
+    """Rest lengths that move by straight lines between communication points go on doing so."""
+    model = experiments.system("two_bar")
+    coarse = experiments.sine_inputs(model, duration=2.3)
+    fine = peaks.refined(coarse, peaks.divided(coarse.times, 4, np.arange(190, 230)))
+    runs = [kernel.simulate(model, inputs) for inputs in (coarse, fine)]
+    rows = np.searchsorted(fine.times, coarse.times)
+    assert np.array_equal(fine.times[rows], coarse.times) and len(fine.times) == 231 + 3 * 40
+    np.testing.assert_allclose(runs[1].position[rows], runs[0].position, atol=1e-9)
 
 
 def test_nsh_oscillator_conserves_energy():
@@ -225,6 +285,45 @@ def test_stored_data_are_what_this_code_gives():
     assert found["snaps"] == kept["snaps"]
     rows = read(DOCS / "figures" / "experiment_I.csv")
     assert found["z"] == pytest.approx(rows["two_bar_nsh.n3.z"], abs=1e-8)
+
+
+def test_stored_peaks_and_periods_are_what_this_code_gives():
+    data, page = stored("claims"), stored("experiments")
+    kept = data["II"]["base"]["plain/50"]
+    found = measures.wave(variants.BASE, "plain", 50.0)
+    assert [found["way"], found["force_peak"], *found["swing"]] == pytest.approx(
+        [kept["way"], kept["force_peak"], *kept["swing"]], rel=1e-5)  # fmt: skip
+    found, kept = measures.measure_4(variants.BASE)["nsh"], data["IV"]["base"]["nsh"]
+    assert found.pop("periods") == pytest.approx(kept.pop("periods"), rel=1e-5) and found == pytest.approx(kept, rel=1e-5)
+    assert experiments.experiment_4().summary().splitlines() == page["tables"]["IV"]
+    found = measures.repeats((5000.0,))
+    for where in (data, page):
+        assert [where["repeats"][key]["periods"] for key in found] == [each["periods"] for each in found.values()] == [1, 2]
+
+
+def test_pages_say_after_how_many_periods_the_motion_comes_back():
+    for name in ("claims", "experiments"):
+        text = " ".join((DOCS / f"{name}.md").read_text(encoding="utf-8").split())
+        assert "At d = 5000 with NSH it comes back after 2 periods of the wave" in text
+    told = {"repeats": {"plain/5": {"periods": 1, "off": [0.0]}, "nsh/5": {"periods": None, "off": [1.0, 1.0]}}}
+    assert "it does not within 2 periods" in claims_page.repeats_text(told)
+
+
+def test_verdicts_have_signs():
+    """Colours alone are alike to many readers."""
+    data = stored("claims")
+    figure = claims_page.draw(data)
+    shown = [text.get_text() for axes in figure.axes for text in axes.texts]
+    expected = [
+        claims_page.SIGNS[claim.verdict(data, variant.key)][0]
+        for experiment, chosen in variants.VARIANTS.items()
+        for variant in chosen
+        for claim in claims_page.scanned(experiment).values()
+    ]
+    assert shown == expected and len(set(shown)) == 3
+    (legend,) = figure.legends
+    signs = [text.get_text().split() for text in legend.get_texts()]
+    assert signs == [[claims_page.SIGNS[verdict][0], verdict] for verdict in (claims.YES, claims.PARTLY, claims.NO)]
 
 
 def test_every_choice_was_measured():

@@ -179,21 +179,19 @@ n5's displacement is mostly this change of shape, with NSH and without. The choi
 
 
 def repeats_text(data: dict) -> str:
-    """After how many periods of the wave the motion comes back; the same on docs/experiments.md, from its own data."""
-    usual, others = [], []
+    """After how many periods of the wave the motion comes back; docs/experiments.md says it, too, from its own data."""
+    others = []
     for key, found in data["repeats"].items():
         kind, damping = key.split("/")
-        case = f"d = {damping} {'with' if kind == 'nsh' else 'without'} NSH"
-        if found["periods"] == 1:
-            usual.append(case)
-        elif found["periods"] is None:
-            others.append(f"At {case} it does not within {len(found['off'])} periods.")
-        else:
-            before, there = (100 * found["off"][i] for i in (0, found["periods"] - 1))
-            others.append(f"At {case} it comes back after {found['periods']} periods of the wave: {before:.0f} % of the swing off "
-                          f"one period before, {there:.1f} % off {found['periods']} periods before.")  # fmt: skip
-    seconds = f"{REPEATED_SECONDS:.0f}"
-    return " ".join([f"After {seconds} s n5's motion comes back with each period of the wave at {', '.join(usual)}.", *others])
+        case, periods = f"At d = {damping} {'with' if kind == 'nsh' else 'without'} NSH", found["periods"]
+        if periods is None:
+            others.append(f"{case} it does not within {len(found['off'])} periods.")
+        elif periods > 1:
+            before, there = (f"{100 * found['off'][i]:.1f} % of the swing" for i in (0, periods - 1))
+            others.append(f"{case} it comes back after {periods} periods of the wave: it is {before} off what it was one period "
+                          f"before, and {there} off what it was {periods} periods before.")  # fmt: skip
+    where = "but for what follows" if others else "in every case"
+    return " ".join([f"After {REPEATED_SECONDS:.0f} s n5's motion comes back with each period of the wave, {where}.", *others])
 
 
 def sweep_text(data: dict) -> str:

@@ -200,11 +200,11 @@ def joining(model: Model, first: str, second: str) -> list[str]:
     return [name for name, pair in zip(model.string_names, model.strings.tolist()) if sorted(pair) == ends]
 
 
-def repeats() -> dict:
+def repeats(dampings=experiments.DAMPINGS) -> dict:
     """'plain/500' and so on, of the base model: after how many periods of the wave the motion of n5 comes back, to within 1 % of
     its swing, once REPEATED_SECONDS have passed, and how far it is off after 1, 2 ... MOST_REPEATS periods, of the swing."""
     found = {}
-    for damping in experiments.DAMPINGS:
+    for damping in dampings:
         for kind in (PLAIN, NSH):
             model = build_model(load_scene("three_bar" + SUFFIX[kind]))
             model = replace(model, damping=np.full(len(model.strings), damping))

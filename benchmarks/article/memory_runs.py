@@ -197,7 +197,9 @@ def second_experiment(duration: float = experiments.WAVE_DURATION) -> tuple[dict
         paths = []
         for law, variant in LAWS.items():
             model = damped(variant.model("three_bar_nsh"), d)
-            run = experiments.square_wave(model, duration=duration)
+            inputs = experiments.wave_inputs(model, duration=duration)
+            run = simulate(model, inputs)
+            peaks = experiments.wave_peaks(model, inputs, "n5", measures.joining(model, "n1", "n4"))
             moved = experiments.displacement(run, model.node_names.index("n5"))
             force = measures.between(model, run, "n1", "n4")
             prefix, seconds = f"{law}.d{d:g}", np.arange(round(duration) + 1)
@@ -206,8 +208,8 @@ def second_experiment(duration: float = experiments.WAVE_DURATION) -> tuple[dict
             lost = [sum(t.loss for t in run.transitions if a <= t.time < a + 1) for a in seconds[:-1]]
             all_lost = np.diff(np.interp(seconds, run.times, run.dissipated))
             numbers[law][f"{d:g}"] = {
-                "way": float(np.linalg.norm(moved, axis=1).max()),
-                "force_peak": float(force.max()),
+                "way": peaks.way,
+                "force_peak": peaks.force,
                 "force_mean": float(force.mean()),
                 "snaps": sum(t.loss > 0.0 for t in run.transitions),
                 "in_snaps": lost,
