@@ -64,10 +64,6 @@ void fmu_log(const instance *fmu, int category, fmi2Status status, const char *f
 const char *fmu_number(double x, char text[32]);
 extern const char *const fmu_categories[LOG_CATEGORIES];
 
-/* checksum.c: of bytes, going on from another sum; FMU_CHECKSUM begins one. */
-#define FMU_CHECKSUM 14695981039346656037u
-uint64_t fmu_checksum(uint64_t sum, const char *bytes, size_t size);
-
 /* variables.c: 0 where the bytes are damaged, cut or of another version. */
 int variables_read(variable_table *table, char *bytes, size_t size);
 void variables_free(variable_table *table);
