@@ -55,8 +55,8 @@ typedef struct {
     int32_t stale;         /* Initialization Mode: outputs are older than the inputs */
     int32_t tolerance_set; /* by the host: fmi2SetupExperiment does not change it then */
     int32_t stop_defined;
-    int32_t discarded;     /* the last fmi2DoStep was */
     double start, time, stop; /* s */
+    int32_t discarded; /* not saved: the last fmi2DoStep was */
 } instance;
 
 /* messages.c */

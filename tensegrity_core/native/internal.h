@@ -13,7 +13,6 @@
 #include "tensegrity.h"
 
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
-#define TS_MAX_STEPS 2000000      /* per call of ts_step */
 #define TS_LANES 4                /* arrays that are worked on in one go are padded to a multiple of it */
 #define TS_PATIENCE 3             /* signs of stiffness that make `auto` leave the explicit method */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
@@ -231,6 +230,7 @@ struct ts_sim {
     int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
     ts_transition *transitions;
     int64_t transition_count;
+    int64_t looks;          /* at one string on the dense output, since ts_create() */
     char message[256];
     size_t bytes;     /* of the allocations below; the pattern and the force curves come on top */
     double *matrices; /* allocation behind Jq, Jv, factor */
@@ -255,6 +255,7 @@ typedef struct {
     double smoothing;   /* exponent of the last step's error there (Gustafsson): fewer rejections */
     int flags;
     int splits;         /* transitions located in one step at most; 0: all */
+    int rows;           /* of cont that its dense output uses */
     /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
     double (*attempt)(ts_sim *sim, double tau, double h);
     /* after acceptance: y1 has been put on the constraint; leave the derivative there in f1 */
@@ -361,6 +362,8 @@ int ts_integrate(ts_sim *sim, double h, int may_run_ahead);
 int ts_span_serves(const ts_sim *sim, double h);
 void ts_serve_span(ts_sim *sim, double h);
 void ts_close_span(ts_sim *sim);
+void ts_recall(ts_sim *sim);
+void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead);
 int ts_fixed_step(int method);
 
 /* auto.c */
