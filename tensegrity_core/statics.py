@@ -587,7 +587,7 @@ class _Factors:
         return float(values[np.linalg.norm(neutral.T @ vectors, axis=0) < 0.5].min(initial=np.inf))
 
     def _lowest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        shift = 0.0
+        shift = 0.0 if count == 1 else 1e-4 * self.stiffest  # beside zeros others lose the digits that an inverse has of these
         while (factors := self.factors(shift)) is None:
             shift = max(4.0 * shift, NEUTRAL * self.stiffest)
         inverse = sparse_linalg.LinearOperator(self.tangent.shape, factors.solve, dtype=float)
