@@ -691,7 +691,8 @@ class _Surface:
     def _basis(self, nodes: np.ndarray):
         """(F*D, r): orthonormal directions that keep the bars' lengths, few nodes in each.
 
-        A bar contributes its turning about each direction across it and, if both ends are free, its translations.
+        A bar contributes its turning about each direction across it and, if both ends are free, its translations; a node on no
+        bar its own.
         """
         bars, axes = self.model.bars, self.model.axes
         first, second = self.place[bars[:, 0]], self.place[bars[:, 1]]  # (B, D)
@@ -705,7 +706,12 @@ class _Surface:
         turning = np.broadcast_to(turns, across.shape).ravel()
         columns = [turning, turning, shifts.ravel(), shifts.ravel()]
         values = [-across.ravel(), across.ravel(), np.full(2 * shifts.size, math.sqrt(0.5))]
-        shape = (self.size, turns.size + shifts.size)
+        lone = self.place[self.model.lone_nodes].ravel()
+        if len(lone):
+            rows.append(lone)
+            columns.append(turns.size + shifts.size + np.arange(len(lone)))
+            values.append(np.ones(len(lone)))
+        shape = (self.size, turns.size + shifts.size + len(lone))
         return self.decomposition.assembled(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), shape)
 
     def _bar_density(self, nodes: np.ndarray, total: np.ndarray) -> np.ndarray:

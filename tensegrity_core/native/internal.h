@@ -1,8 +1,8 @@
 /* Const model, mutable data, workspace.  One simulation owns one of each; nothing else is shared.
  *
  * Generalised coordinates.  The state is a list of blocks of D numbers: a free bar has two blocks, its centre r and its
- * vector b; a pinned bar has one, c = tip - base.  A node's position is (r or its anchor) + coef * block.  Blocks of bars
- * carry the projector that keeps their length. */
+ * vector b; a pinned bar has one, c = tip - base; a point mass on no bar has one, its position.  A node's position is (r or its
+ * anchor) + coef * block.  Blocks of bars carry the projector that keeps their length. */
 #ifndef TENSEGRITY_INTERNAL_H
 #define TENSEGRITY_INTERNAL_H
 
@@ -71,6 +71,7 @@ typedef struct {
     int32_t blocks, nq, ny;         /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
     int32_t lanes, stride;          /* strings and ny, padded to a multiple of TS_LANES */
     int32_t pinned_count, floating_count; /* bars of each kind */
+    int32_t lone_count;             /* free nodes on no bar: point masses by themselves */
     int32_t z_axis;                 /* local axis that is z, or -1 */
     int32_t damping_law;            /* 0 literal, 1 tension_only */
     uint64_t hash;                  /* of the packed model */
@@ -93,11 +94,12 @@ typedef struct {
     int32_t *law;                   /* (S) 1: among the curved */
     ts_place_of_bar *pinned;        /* (pinned_count) */
     ts_place_of_bar *floating;      /* (floating_count) */
+    int32_t *lone;                  /* (lone_count) nodes; node_block has their blocks, which are their positions */
     int32_t *free_index;            /* (N) place among the free nodes; -1 - place among the fixed ones */
     int32_t *bar_block;             /* (B) block of b or c */
     int32_t *bar_centre;            /* (B) block of r, or -1 where pinned */
     int32_t *bar_base;              /* (B) fixed node of a pinned bar, or -1 */
-    int32_t *block_bar;             /* (blocks) bar */
+    int32_t *block_bar;             /* (blocks) bar; -1: none */
     int32_t *block_turns;           /* (blocks) 1: a bar vector of constant length, 0: a centre */
     double *block_length;           /* (blocks) length of a bar vector, m */
     int32_t *node_block;            /* (N) block of the bar vector, or -1 */

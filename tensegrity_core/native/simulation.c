@@ -131,6 +131,17 @@ static int wrong_beam(const ts_sim *sim)
     return -1;
 }
 
+/* A node on no bar has no other mass.  The first point mass that is 0 on such a node, or -1. */
+static int wrong_mass(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; m->lone_count && i < m->count[TS_P]; i++) {
+        int block = m->node_block[m->massed[i]];
+        if (block >= 0 && m->block_bar[block] < 0 && !(sim->values[m->at[TS_POINT_MASS] + i] > 0.0)) return m->at[TS_POINT_MASS] + i;
+    }
+    return -1;
+}
+
 /* Look through the fields before this one. */
 static int check_fields(ts_sim *sim, int end, int32_t *index)
 {
@@ -155,6 +166,12 @@ int ts_check(ts_sim *sim, int32_t *index)
     if (beam >= 0) {
         *index = beam;
         say(sim, "must lie between 2 and 8 (a metastable beam)");
+        return TS_BAD_INPUT;
+    }
+    int mass = wrong_mass(sim);
+    if (mass >= 0) {
+        *index = mass;
+        say(sim, "must be positive: the node is on no bar and has no other mass");
         return TS_BAD_INPUT;
     }
     if (method < 0 || method >= TS_METHOD_COUNT) {
