@@ -262,8 +262,8 @@ class Strings(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces on the nodes but the bars' and the ground's
-    (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
+    """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces F on the nodes but the bars' and the
+    ground's (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
 
     strings: Strings
     lam: np.ndarray

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_src.compare import POSITION_BOUND
+from .scenario import POSITION_BOUND
 
 HEAD = """# Importers and checkers
 
