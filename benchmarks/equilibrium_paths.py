@@ -386,7 +386,8 @@ def report(result: dict) -> str:
         COMMANDS,
         "`path` says where the structure jumps and why, and where it goes; `--step` gives states at equal steps of p, and "
         "`--unstable` traces what lies behind limit and branch points. `modes` lists frequency, damping ratio and decay rate "
-        "of every mode about a steady state. In Python:",
+        "of every mode about a steady state, after the names of what nothing resists: rigid-body motions of a structure afloat, "
+        "mechanisms of slack strings. In Python:",
         PYTHON,
         "## How",
         "`paths.py` follows equilibria by arclength, through limit points and along unstable branches. Each string keeps its "

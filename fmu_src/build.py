@@ -19,9 +19,11 @@ from .cross_check import write_cross_check
 from .libraries import cross_compiled, here
 from .native_fmu import pack_native_fmu
 from .pack import pack_python_fmu
+from .reference_cache import trouble
 from .report import write_report
-from .scenarios import scenarios
-from .validate import CACHE, Validation, finish, run_outside, submit, workers
+from .scenarios import Scenario, scenarios
+from .trials import trials
+from .validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
 
 
 def program() -> str:
@@ -146,28 +148,57 @@ def take_apart(models: dict[str, Model]) -> dict[str, Model]:
 
 def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], options: argparse.Namespace) -> int:
     """Validate all FMUs, the reference runs of all of them side by side; prints the table, writes the reports."""
-    runs = {name: scenarios(model, thorough=options.thorough) for name, model in models.items()}
+    told = Notes(trouble(options.cache))
+    runs = {name: runs_of(model, options.thorough) for name, model in models.items()}
     outside, status = {}, 0
     for (name, runtime), path in built.items():
+        say(f"  {name}, {runtime}: running from outside under {len(runs[name])} inputs")
         try:
-            outside[name, runtime] = run_outside(path, models[name], options.naming, runs[name])
+            outside[name, runtime] = run_outside(path, models[name], options.naming, repeated(runs[name]))
         except TensegrityError as error:
             status = fail(f"{name}, {runtime}", error)
     with workers() as executor:
         started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
-        print(HEAD, flush=True)
+        table = [HEAD]
         for (name, runtime), results in outside.items():
             try:
-                validation = finish(models[name], runtime, runs[name], results, started[name], executor, options.cache)
+                validation = finish(models[name], runtime, runs[name], results, started[name], executor, options.cache, say)
             except TensegrityError as error:
                 status = fail(f"{name}, {runtime}", error)
                 continue
             report = built[name, runtime].with_suffix(".html")
             write_report(validation, report)
-            print(row(validation), flush=True)
+            table.append(row(validation))
+            for future in started[name]:
+                told.add(*future.result().notes)
             for failure in validation.failures:
                 status = fail(f"{name}, {runtime}", f"{failure}; see {report}")
+        say("\n".join(table))
     return status
+
+
+def runs_of(model: Model, thorough: bool) -> list[Scenario]:
+    """What an FMU is validated under."""
+    return trials(model) + (scenarios(model, thorough=True) if thorough else [])
+
+
+class Notes:
+    """Says each thing once, on stderr."""
+
+    def __init__(self, *first: str | None):
+        self._said: set[str] = set()
+        self.add(*(text for text in first if text))
+
+    def add(self, *texts: str) -> None:
+        for text in texts:
+            if text not in self._said:
+                self._said.add(text)
+                print(f"note: {text}", file=sys.stderr, flush=True)
+
+
+def say(text: str) -> None:
+    """A line for whoever waits, at once, wherever stdout goes."""
+    print(text, flush=True)
 
 
 def fail(name: str, reason: object) -> int:
@@ -188,7 +219,7 @@ def row(validation: Validation) -> str:
 
 def remark(validation: Validation) -> str:
     """Which scenarios were compared for a part of their time only, and until when."""
-    cut = [f"{run.scenario.short} compared until {run.comparison.until:g} s" for run in validation.cut]
+    cut = [f"{run.scenario.short} compared until {run.until:g} s" for run in validation.cut]
     return f"  {'; '.join(cut)}, as far as {'its' if len(cut) == 1 else 'their'} sensitivity allows" if cut else ""
 
 

@@ -1,4 +1,9 @@
-"""Compares an FMU's run with the reference's, sample by sample and transition by transition."""
+"""Compares an FMU's run with the reference's, sample by sample and transition by transition.
+
+The bound of an output is what a start error would make of it in this scenario (see `sensitivity`): an FMU that passes at a
+size of 1e-9 m is as good as an exact solution whose start is about 2e-9 m and m/s off, in every output and at every sample,
+however stiff, slow or sensitive the scene is.
+"""
 
 from __future__ import annotations
 
@@ -11,63 +16,104 @@ from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
 
 from .interface import Variable
+from .sensitivity import JUMPING, OUTPUTS, Spread, away, match, near_transitions
 
-#: Bounds: positions, m; forces, N and relative to the largest force of the run; energy ledger.
-POSITION_BOUND, FORCE_BOUND, FORCE_RELATIVE, LEDGER_BOUND = 1e-7, 1e-3, 1e-6, 1e-8
-#: Bounds: transition times, s; velocities, m/s and relative to the largest; energies, relative to 1 J and the throughput.
-TRANSITION_BOUND, VELOCITY_BOUND, ENERGY_BOUND = 1e-6, 1e-6, 1e-6
-#: Forces jump at transitions: samples this close to one are left out, s.
-WINDOW = 1e-6
-#: Start error whose growth is measured, m, and the growth past which comparing makes no sense, m: there an error of
-#: 1e-10 m, such as any integration makes, has grown to POSITION_BOUND.
-PERTURBATION, SENSITIVE = 1e-12, 1e-9
+#: The bound in terms of the spread, which a few directions of the start error may miss by so much.
+MARGIN = 2.0
+#: What is added to the bounds in terms of the size and of an output's own range: 1e-10 of it at a size of 1e-9 m; ten times
+#: that for energies, of the energy that has passed, since they are integrals; of 1 s for times of transitions.
+FLOOR, FLOOR_ENERGY = 0.1, 1.0
+#: Gap in the energy ledger, relative to the energy that has passed, or 1 J.
+LEDGER_BOUND = 1e-8
+#: Where a start error has grown to this part of the longest bar, the motion is another: the comparison stops before.
+SENSITIVE = 1e-3
 
-FORCES = ("string_force", "elastic_force", "bar_force", "reaction")
 ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work")
+#: Outputs by kind, with their unit: what a table shows.
+KINDS = {
+    "position": (("position",), "m"),
+    "length": (("string_length", "wound_rest_length"), "m"),
+    "velocity": (("velocity",), "m/s"),
+    "rest length rate": (("wound_rest_length_rate",), "m/s"),
+    "motor speed": (("motor_speed",), "rad/s"),
+    "force": (("string_force", "elastic_force", "bar_force", "reaction"), "N"),
+    "energy": (ENERGIES, "J"),
+}
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Of an output: the largest error; error and bound where the error is the largest part of its bound, and when, s."""
+
+    error: float
+    worst: float
+    bound: float
+    time: float
+
+    @property
+    def part(self) -> float:
+        """The largest part of its bound that an error is; NaN where the FMU gives one."""
+        return self.worst / self.bound if self.bound > 0.0 else (0.0 if self.worst == 0.0 else np.inf)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Largest differences.  position, length: m; velocity: m/s; force: N, over all kinds of forces; energy: J; force_bound,
-    velocity_bound, energy_bound: their bounds; snapped: samples that differ; ledger: of the FMU, relative; transitions:
-    numbers in reference and FMU; unmatched: those without partner; transition_time: largest difference of partners, s;
-    sensitivity: what became of PERTURBATION, m; until: how long the runs were compared, s; left_out: samples near
-    transitions.
+    """tolerance: of the FMU, None: its own; size: of the start error that the bounds stand for, m and m/s; deviations: by
+    output; snapped: samples that differ; ledger: of the FMU, relative; transitions: numbers in reference and FMU; unmatched:
+    those without partner, but for those that come and go with the start error; transition_time: largest difference of
+    partners, s; late: what passed its bound there, in words; growth: of a start error, at most; until: how long the runs were
+    compared, s; left_out: samples near transitions.
     """
 
-    position: float
-    length: float
-    velocity: float
-    force: float
-    force_bound: float
-    velocity_bound: float
-    energy: float
-    energy_bound: float
+    tolerance: float | None
+    size: float
+    deviations: dict[str, Deviation]
     snapped: int
     ledger: float
     transitions: tuple[int, int]
     unmatched: int
     transition_time: float
-    sensitivity: float
+    late: tuple[str, ...]
+    growth: float
     until: float
     left_out: int
+
+    def largest(self, kind: str) -> float:
+        """Largest error of the outputs of a kind, a key of KINDS."""
+        return max((self.deviations[name].error for name in KINDS[kind][0] if name in self.deviations), default=0.0)
+
+    @property
+    def position(self) -> float:
+        """Largest position error, m."""
+        return self.largest("position")
+
+    @property
+    def force(self) -> float:
+        """Largest force error, N, over all kinds of forces."""
+        return self.largest("force")
+
+    @property
+    def part(self) -> float:
+        """The largest part of its bound that any error is."""
+        return max(one.part for one in self.deviations.values())
 
     @property
     def failures(self) -> list[str]:
         """What passed its bound, in words; NaN fails."""
-        bounds = (
-            ("position error", self.position, POSITION_BOUND, "m"),
-            ("force error", self.force, self.force_bound, "N"),
-            ("energy ledger", self.ledger, LEDGER_BOUND, "relative"),
-            ("length error", self.length, 2.0 * POSITION_BOUND, "m"),
-            ("velocity error", self.velocity, self.velocity_bound, "m/s"),
-            ("energy error", self.energy, self.energy_bound, "J"),
-            ("samples with a wrong number of snapped beams:", self.snapped, 0, ""),
-            ("transition time error", self.transition_time, TRANSITION_BOUND, "s"),
-            ("transitions without partner:", self.unmatched, 0, ""),
-        )
-        passed = [row for row in bounds if not row[1] <= row[2]]
-        return [f"{name} {value:.2g} > {bound:.2g} {unit}".rstrip() for name, value, bound, unit in passed]
+        found = []
+        for names, unit in KINDS.values():
+            for name in names:
+                one = self.deviations.get(name)
+                if one is not None and not one.part <= 1.0:
+                    words = name.replace("_", " ")
+                    found.append(f"{words} error {one.worst:.2g} > {one.bound:.2g} {unit} at {one.time:g} s")
+        if not self.ledger <= LEDGER_BOUND:
+            found.append(f"energy ledger {self.ledger:.2g} > {LEDGER_BOUND:.2g} relative")
+        if self.snapped:
+            found.append(f"samples with a wrong number of snapped beams: {self.snapped}")
+        if self.unmatched:
+            found.append(f"transitions without partner: {self.unmatched}")
+        return found + list(self.late)
 
 
 def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs: np.ndarray) -> dict[str, np.ndarray]:
@@ -90,79 +136,63 @@ def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs:
     return found
 
 
-def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transition], growth: np.ndarray) -> Comparison:
-    """fmu: from `series`; events: the FMU's transitions; growth (K+1,): what became of PERTURBATION, m."""
+def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transition], allowed: Spread, length: float,
+            tolerance: float | None = None) -> Comparison:
+    """fmu: from `series`; events: the FMU's transitions; allowed: what start errors become; length: of the longest bar, m;
+    tolerance: of the FMU, None: its own."""
     times = reference.times
-    steady = np.maximum.accumulate(growth) <= SENSITIVE
-    rows = len(times) if steady.all() else max(1, int(np.argmin(steady)))
+    calm = allowed.largest["position"] <= SENSITIVE * length
+    rows = len(times) if calm.all() else max(1, int(np.argmin(calm)))
     until = float(times[rows - 1])
     ours = [t for t in reference.transitions if t.time <= until]
     theirs = [t for t in events if t.time <= until]
-    clear = _away_from([t.time for t in ours + theirs], times[:rows])
-
-    def gap(name: str, chosen=slice(None)) -> float:
-        difference = np.abs(getattr(reference, name)[:rows] - fmu[name][:rows])[chosen]
-        return float(np.max(difference, initial=0.0))
-
-    fastest = float(np.max(np.abs(reference.velocity[:rows])))
-    turning = float(np.max(np.abs(reference.motor_speed[:rows]), initial=0.0))
+    clear = away(near_transitions(ours, theirs), times[:rows])
     through = float(reference.throughput[rows - 1])
-    largest = max(float(np.max(np.abs(getattr(reference, name)[:rows]), initial=0.0)) for name in FORCES)
-    unmatched, shift = match(ours, theirs)
+    deviations = {name: _deviation(name, reference, fmu, allowed, rows, clear, through) for name in OUTPUTS}
+    found = match(ours, theirs)
+    wrong = np.any(reference.snapped[:rows] != fmu["snapped"][:rows], axis=1)
     return Comparison(
-        position=gap("position"),
-        length=max(gap("string_length"), gap("wound_rest_length")),
-        velocity=max(gap("velocity"), gap("motor_speed") / max(1.0, turning)),
-        force=max(gap(name, clear) for name in FORCES),
-        force_bound=FORCE_BOUND + FORCE_RELATIVE * largest,
-        velocity_bound=VELOCITY_BOUND * max(1.0, fastest),
-        energy=max(gap(name) for name in ENERGIES),
-        energy_bound=ENERGY_BOUND * max(1.0, through),
-        snapped=int(np.sum(np.any(reference.snapped[:rows] != fmu["snapped"][:rows], axis=1)[clear])),
+        tolerance=tolerance,
+        size=allowed.size,
+        deviations=deviations,
+        snapped=int(np.sum(wrong[clear])),
         ledger=_ledger(fmu, rows),
         transitions=(len(ours), len(theirs)),
-        unmatched=unmatched,
-        transition_time=shift,
-        sensitivity=float(np.max(growth)),
+        unmatched=sum(not allowed.is_loose(t) for t in (*found.ours, *found.theirs)),
+        transition_time=max((abs(a.time - b.time) for a, b in found.pairs), default=0.0),
+        late=tuple(_late(found.pairs, allowed)),
+        growth=float(np.max(allowed.largest["position"])) / allowed.size,
         until=until,
         left_out=int(rows - np.sum(clear)),
     )
 
 
-def _away_from(instants: list[float], times: np.ndarray) -> np.ndarray:
-    """(K+1,) bool: no instant within WINDOW."""
-    if not instants:
-        return np.ones(len(times), dtype=bool)
-    instants = np.sort(instants)
-    right = np.searchsorted(instants, times)
-    nearest = np.minimum(
-        np.abs(times - instants[np.clip(right, 0, len(instants) - 1)]),
-        np.abs(times - instants[np.clip(right - 1, 0, len(instants) - 1)]),
-    )
-    return nearest > WINDOW
+def _deviation(name: str, reference: Result, fmu, allowed: Spread, rows: int, clear, through: float) -> Deviation:
+    right = getattr(reference, name)[:rows].reshape(rows, -1)
+    error = np.max(np.abs(right - fmu[name][:rows].reshape(rows, -1)), axis=1, initial=0.0)
+    floor = FLOOR * allowed.size * float(np.max(np.abs(right), initial=0.0))
+    if name in ENERGIES:
+        floor = FLOOR_ENERGY * allowed.size * max(float(np.max(np.abs(right))), through)
+    bound = floor + MARGIN * allowed.largest[name][:rows]
+    if name in JUMPING:
+        error, bound, times = error[clear], bound[clear], reference.times[:rows][clear]
+    else:
+        times = reference.times[:rows]
+    if not len(error):
+        return Deviation(0.0, 0.0, floor, float(reference.times[0]))
+    part = np.divide(error, bound, out=np.where(error > 0.0, np.inf, 0.0), where=bound > 0.0)
+    at = int(np.argmax(np.where(np.isnan(part), np.inf, part)))
+    return Deviation(float(np.max(error)), float(error[at]), float(bound[at]), float(times[at]))
 
 
-def match(ours: list[Transition], theirs: list[Transition], reach: float = 1e-3) -> tuple[int, float]:
-    """Pairs transitions of the same kind in order of time.  Returns how many have no partner within `reach`, s, and the
-    largest difference in time of partners, s.
-    """
-    kinds: dict[tuple, tuple[list[float], list[float]]] = {}
-    for side, found in enumerate((ours, theirs)):
-        for t in found:
-            kinds.setdefault((t.string, t.before, t.after), ([], []))[side].append(t.time)
-    unmatched, shift = 0, 0.0
-    for first, second in kinds.values():
-        first, second = sorted(first), sorted(second)
-        i = j = 0
-        while i < len(first) and j < len(second):
-            if abs(first[i] - second[j]) <= reach:
-                shift = max(shift, abs(first[i] - second[j]))
-                i, j = i + 1, j + 1
-            else:
-                unmatched += 1
-                i, j = (i + 1, j) if first[i] < second[j] else (i, j + 1)
-        unmatched += len(first) - i + len(second) - j
-    return unmatched, shift
+def _late(pairs: list[tuple[Transition, Transition]], allowed: Spread):
+    """Partners that are farther apart than start errors move them, in words, the worst first."""
+    found = []
+    for ours, theirs in pairs:
+        apart, bound = abs(ours.time - theirs.time), FLOOR * allowed.size + MARGIN * allowed.shift(ours)
+        if not apart <= bound and not allowed.is_loose(ours):
+            found.append((apart - bound, f"transition time error {apart:.2g} > {bound:.2g} s at {ours.time:g} s"))
+    return [words for _, words in sorted(found, reverse=True)[:1]]
 
 
 def _ledger(fmu: dict[str, np.ndarray], rows: int) -> float:

@@ -18,7 +18,7 @@ import pythonfmu
 import tensegrity_core
 from tensegrity_core.files import replacing
 from tensegrity_core.kernel import LIBRARY
-from tensegrity_core.model import Model, to_bytes
+from tensegrity_core.model import fnv1a, Model, to_bytes
 
 from .closure import import_closure
 from .documentation import index_html
@@ -69,8 +69,8 @@ def python_fmu_files(
     private = f"tensegrity_core_{_digest(core)[:16]}"
     main = f"{private}_fmu"
     files = {f"resources/{private}/{name}": content for name, content in core.items()}
-    files["resources/slavemodule.txt"] = main.encode()
     files[f"resources/{main}.py"] = MAIN.read_bytes().replace(b"@PRIVATE@", private.encode())
+    files["resources/slavemodule.txt"] = f"{main}\n{fnv1a(files[f'resources/{main}.py']):016x}\n".encode()
     files["resources/model.bin"] = to_bytes(model)
     content = _digest(files)
     files["resources/variables.json"] = variables_json(model, table, kernels, content, "")

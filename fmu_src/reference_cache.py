@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import fields
@@ -19,6 +20,7 @@ import scipy
 
 import tensegrity_core
 from tensegrity_core.files import write_bytes
+from tensegrity_core.errors import TensegrityError
 from tensegrity_core.inputs import Inputs
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
@@ -53,16 +55,45 @@ def reference_key(model: Model, inputs: Inputs, settings: dict, core: Path | Non
     return digest.hexdigest()
 
 
-def cached(folder: Path | None, key: str, compute: Callable[[], Result]) -> tuple[Result, bool]:
-    """The result under this key and whether it came from the folder; None: no cache, always compute."""
+def trouble(folder: Path | None) -> str | None:
+    """Why runs cannot be kept in a folder, in words; None: they can, or no folder is given.  Makes the folder."""
+    if folder is None:
+        return None
+    look = folder / f"look-{os.getpid()}"
+    try:
+        _write(look, b"")
+        look.unlink()
+    except (OSError, TensegrityError) as error:
+        return _words(folder, error)
+    return None
+
+
+def _words(folder: Path, error: Exception) -> str:
+    reason = getattr(error.__cause__ or error, "strerror", None) or error
+    return f"reference runs cannot be kept in {folder} ({reason}): they take their time again; see --cache, --no-cache"
+
+
+def cached(
+    folder: Path | None, key: str, compute: Callable[[], Result], say: Callable[[str], None] = lambda text: None
+) -> tuple[Result, bool]:
+    """The result under this key and whether it came from the folder; None: no cache, always compute.
+
+    A folder that cannot be read or written is no reason to fail: `say` gets one sentence about it.
+    """
     path = folder / f"{key}.bin" if folder else None
-    if path and path.is_file():
-        found = _unpack(path.read_bytes(), key)
+    if path:
+        try:
+            found = _unpack(path.read_bytes(), key)
+        except OSError:
+            found = None
         if found is not None:
             return found, True
     result = compute()
     if path:
-        _write(path, _pack(result, key))
+        try:
+            _write(path, _pack(result, key))
+        except (OSError, TensegrityError) as error:
+            say(_words(folder, error))
     return result, False
 
 

@@ -21,35 +21,31 @@ from tensegrity_core.files import write_text
 from . import compare
 from .documentation import environment
 from .places import clone
-from .validate import Run, Validation, reference_settings
+from .sensitivity import WINDOW
+from .validate import SETTINGS, TIGHT, TIGHTER, Run, Validation
 
 
 def write_report(validation: Validation, path: Path) -> None:
     """Plots of positions and string forces (FMU over reference, and their difference), the errors, and the versions."""
-    times = validation.runs[0].scenario.inputs.times
     page = environment().get_template("report.html").render(
         title=f"Validation of {validation.model.name}, {validation.runtime} FMU",
         model=validation.model,
         runs=validation.runs,
         failures=validation.failures,
-        step=f"{times[1] - times[0]:g}",
-        duration=f"{times[-1] - times[0]:g}",
+        tight=" and ".join(f"{tolerance:g}" for tolerance in TIGHT),
         bounds={
-            "position": compare.POSITION_BOUND,
-            "force": compare.FORCE_BOUND,
-            "relative": compare.FORCE_RELATIVE,
-            "window": compare.WINDOW,
-            "length": 2.0 * compare.POSITION_BOUND,
-            "velocity": compare.VELOCITY_BOUND,
-            "energy": compare.ENERGY_BOUND,
+            "margin": f"{compare.MARGIN:g}",
+            "floor": f"{compare.FLOOR:g}",
+            "floor_energy": f"{compare.FLOOR_ENERGY:g}",
             "ledger": compare.LEDGER_BOUND,
-            "transition": compare.TRANSITION_BOUND,
-            "perturbation": compare.PERTURBATION,
+            "sensitive": compare.SENSITIVE,
+            "window": WINDOW,
         },
+        kinds=compare.KINDS,
         seconds=validation.seconds,
         factor=validation.factor,
         pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
-        settings=[_shown(reference_settings(run.scenario, run.tight)) for run in validation.runs],
+        settings=[_shown(TIGHTER if run.again else SETTINGS) for run in validation.runs],
         versions=versions(),
     )
     write_text(path, page)

@@ -27,13 +27,14 @@ LIFT, WAVE = 42.0, 400.0
 @dataclass(frozen=True)
 class Scenario:
     """name: an identifier; title: for humans; model: with the damping of this scenario; inputs: held; short: a title that
-    fits into a line of a table."""
+    fits into a line of a table; tolerance: of the FMU, None: its own."""
 
     name: str
     title: str
     model: Model
     inputs: Inputs
     short: str = ""
+    tolerance: float | None = None
 
 
 def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thorough: bool = False) -> list[Scenario]:
@@ -48,11 +49,11 @@ def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thor
             damped = replace(model, damping=factor * model.damping)
             identifier = f"{name}_{factor:g}d".replace(".", "_")
             short = f"{name.replace('_', ' ')} at {DAMPINGS[factor]}"
-            found.append(Scenario(identifier, f"{title}, {_shown(damped)}", damped, inputs, short))
+            found.append(Scenario(identifier, f"{title}, {shown_damping(damped)}", damped, inputs, short))
     return found
 
 
-def _shown(model: Model) -> str:
+def shown_damping(model: Model) -> str:
     if not len(model.strings):
         return "no strings"
     low, high = np.min(model.damping), np.max(model.damping)

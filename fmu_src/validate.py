@@ -1,7 +1,9 @@
 """Validates an FMU: fmpy runs it from outside, the reference gets the same held inputs, the two are compared.
 
 The FMU runs in a fresh isolated interpreter, in a temporary folder, where this project's packages are barred (see
-outside.py).  Reference runs are spread over processes and may come from a cache (see reference_cache.py).
+outside.py), under every scenario at its own tolerance, which tells what its users get, and at tight ones, which leave of its
+errors those of its equations (see compare.py for the bounds).  Reference runs are spread over processes and may
+come from a cache (see reference_cache.py).
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import contextlib
 import json
 import subprocess
 import sys
+import time
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,12 +26,14 @@ from tensegrity_core.files import replacing, scratch, write_bytes, write_text
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
 
-from .compare import PERTURBATION, Comparison, compare, series
+from .compare import Comparison, compare, series
 from .interface import Variable, variables
 from .outside import WITH_PARENT
 from .places import kept
 from .reference_cache import cached, reference_key
-from .scenarios import Scenario, scenarios
+from .scenarios import Scenario
+from .sensitivity import Spread, spreads
+from .trials import trials
 
 HERE = Path(__file__).parent
 CACHE = kept() / "reference-cache"
@@ -39,14 +44,14 @@ NOT_SENSITIVE = ("three_bar", "three_bar_nsh")
 workers = processes.Workers
 #: Wall time after which a run from outside is given up, s.
 TIMEOUT = 900.0
-#: Settings of the reference: keyword arguments of reference.simulate.
-NORMAL = {"rtol": 5e-10, "atol": 5e-11}
-STIFF = {"rtol": 1e-10, "atol": 1e-11}
-FREE = {"rtol": 1e-12, "atol": 1e-13}
-#: Rates of damping 4 d/m, 1/s: below the first a scenario keeps its errors for long, above the second it is stiff.
-FREE_RATE, STIFF_RATE = 20.0, 8000.0
-#: How much tighter the reference runs once more where a comparison fails, and the tightest rtol, above round-off.
-TIGHTER, TIGHTEST = 20.0, 1e-13
+#: The FMU's tolerances in further runs, of which the best counts: what is wrong with its equations stays, while an accident of
+#: the error control (a step that meets the square root at the fold of a string with memory) does not.
+TIGHT = (1e-12, 2e-13)
+#: The start error, m and m/s, that the FMU may be worth then; at its own tolerance LARGER times as much.
+START_ERROR = 1e-9
+#: Settings of the reference: keyword arguments of reference.simulate; and those of another run where a comparison fails.
+SETTINGS = {"rtol": 1e-12, "atol": 1e-13}
+TIGHTER = {"rtol": 1e-13, "atol": 1e-14}
 
 
 class ValidationError(TensegrityError):
@@ -54,18 +59,44 @@ class ValidationError(TensegrityError):
 
 
 @dataclass(frozen=True)
+class Reference:
+    """What a worker finds out about a scenario.  cached: whether the run came from the cache; spreads: see `sensitivity`, for
+    START_ERROR and LARGER times that; notes: what the user should know; seconds: processor time.
+    """
+
+    result: Result
+    cached: bool
+    spreads: tuple[Spread, Spread]
+    notes: tuple[str, ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Run:
-    """One scenario of an FMU.  fmu: its outputs by field, see compare.series; seconds: per communication step; tight: the
-    reference ran once more, see `judge_again`.
+    """One scenario of an FMU.  fmu: its outputs by field at its own tolerance, see compare.series; comparison: of these;
+    tight: of those at a tight tolerance, the better one; seconds: per communication step; again: the reference ran once more,
+    see `judge_again`.
     """
 
     scenario: Scenario
     reference: Result
     fmu: dict[str, np.ndarray]
     comparison: Comparison
+    tight: Comparison
     seconds: float
     from_cache: bool
-    tight: bool = False
+    again: bool = False
+
+    @property
+    def failures(self) -> list[str]:
+        """What passed its bound, in words."""
+        tight = [f"{failure} (at a tolerance of {self.tight.tolerance:g})" for failure in self.tight.failures]
+        return self.comparison.failures + tight
+
+    @property
+    def until(self) -> float:
+        """How long the runs were compared at the tight tolerance, s."""
+        return self.tight.until
 
 
 @dataclass(frozen=True)
@@ -94,22 +125,21 @@ class Validation:
     @property
     def factor(self) -> float:
         """Simulated time over wall time."""
-        times = self.runs[0].scenario.inputs.times
-        return float(times[1] - times[0]) / self.seconds
+        steps = [np.mean(np.diff(run.scenario.inputs.times)) for run in self.runs]
+        return float(np.mean(steps)) / self.seconds
 
     @property
     def cut(self) -> list[Run]:
         """Runs that were compared for a part of their time only, because more would be too sensitive."""
-        return [run for run in self.runs if run.comparison.until < run.scenario.inputs.times[-1]]
+        return [run for run in self.runs if run.until < run.scenario.inputs.times[-1]]
 
     @property
     def failures(self) -> list[str]:
         """What passed its bound, in words, with the scenario's title."""
-        found = [f"{run.scenario.title}: {failure}" for run in self.runs for failure in run.comparison.failures]
+        found = [f"{run.scenario.title}: {failure}" for run in self.runs for failure in run.failures]
         for run in self.cut:
-            until = run.comparison.until
-            if until <= run.scenario.inputs.times[0] or self.model.name in NOT_SENSITIVE:
-                found.append(f"{run.scenario.title}: could be compared until {until:g} s only")
+            if run.until <= run.scenario.inputs.times[0] or self.model.name in NOT_SENSITIVE:
+                found.append(f"{run.scenario.title}: could be compared until {run.until:g} s only")
         return found
 
 
@@ -122,10 +152,11 @@ def run_outside(
 ) -> list[tuple[dict[str, np.ndarray], list[Transition], float]]:
     """Run an FMU in a fresh isolated interpreter.  Returns per scenario its outputs, transitions, and seconds per step.
 
+    The scenarios' names must differ.
     python: the interpreter; it needs numpy and fmpy only.  Raises ValidationError with the interpreter's last words.
     """
     table = variables(model, naming)
-    runs = scenarios(model) if runs is None else runs
+    runs = trials(model) if runs is None else runs
     names = [row.name for row in table if row.causality == "input"]
     with scratch() as here:
         script = here / "outside.py"
@@ -134,7 +165,7 @@ def run_outside(
         for i, run in enumerate(runs):
             with replacing(here / f"{i}.npz") as file:
                 np.savez(file, times=run.inputs.times, values=input_values(run))
-            parameters = {row.name: value for row, value in _changed(table, model, run.model)}
+            parameters = {row.name: value for row, value in _changed(table, model, run)}
             item = {"name": run.name, "arrays": str(here / f"{i}.npz"), "inputs": names, "parameters": parameters}
             job["runs"].append(item)
         write_text(here / "job.json", json.dumps(job))
@@ -163,55 +194,31 @@ def input_values(run: Scenario) -> np.ndarray:
     return np.delete(kernel.input_rows(run.model, run.inputs), wound, axis=1)
 
 
-def _changed(table: tuple[Variable, ...], model: Model, other: Model):
-    """Tunable parameters in which a scenario's model differs from the FMU's."""
+def _changed(table: tuple[Variable, ...], model: Model, run: Scenario):
+    """Parameters in which a scenario differs from the FMU's own values: tunable ones of its model, and the tolerance."""
     places = layout(model.counts)
     for row in table:
         if row.field in ("stiffness", "damping"):
             string = row.reference - places[row.field].start
-            old, new = (float(getattr(m, row.field)[string]) for m in (model, other))
+            old, new = (float(getattr(m, row.field)[string]) for m in (model, run.model))
             if old != new:
                 yield row, new
+        if row.field == "tolerance" and run.tolerance is not None:
+            yield row, run.tolerance
 
 
-def reference_settings(run: Scenario, tight: bool = False) -> dict:
-    """What keeps the reference's own error well below the bounds at the least cost; tight: whatever the cost.
-
-    A strong damper turns errors of the rates into errors of the forces, so it needs a tighter tolerance; not so where
-    moving rest lengths excite the dampers at every communication point and keep the steps short.
-    """
-    model = run.model
-    rate = 4.0 * float(np.max(model.damping, initial=0.0)) / float(np.min(model.bar_mass, initial=np.inf))
-    stiff = rate > STIFF_RATE and not np.any(run.inputs.rest_length_rate)
-    settings = FREE if rate < FREE_RATE else STIFF if stiff else NORMAL
-    if not tight:
-        return settings
-    factor = max(1.0 / TIGHTER, TIGHTEST / settings["rtol"])
-    return {**settings, "rtol": factor * settings["rtol"], "atol": factor * settings["atol"]}
+def repeated(runs: list[Scenario]) -> list[Scenario]:
+    """The scenarios at the FMU's own tolerance, then at the tight ones."""
+    return runs + [replace(run, name=f"{run.name}_tight{i}", tolerance=TIGHT[i]) for i in range(len(TIGHT)) for run in runs]
 
 
-def reference_run(run: Scenario, cache: Path | None, tight: bool = False) -> tuple[Result, bool, np.ndarray]:
-    """In a worker: the reference under a scenario, whether it was cached, and the scenario's sensitivity (K+1,), m: how
-    far two runs of the kernel part whose starts are PERTURBATION apart.  The FMU under test has no part in it.
-    """
-    settings = reference_settings(run, tight)
+def reference_run(run: Scenario, cache: Path | None, again: bool = False) -> Reference:
+    """In a worker: the reference under a scenario, and the scenario's spreads, in which the FMU under test has no part."""
+    began, notes = time.process_time(), []
+    settings = TIGHTER if again else SETTINGS
     key = reference_key(run.model, run.inputs, settings)
-    result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings))
-    one, other = (kernel.simulate(model, run.inputs).position for model in (run.model, perturbed(run.model)))
-    return result, found, np.max(np.abs(other - one), axis=(1, 2))
-
-
-def perturbed(model: Model) -> Model:
-    """The model with its free nodes PERTURBATION off, across their bars."""
-    axes = list(model.axes)
-    shift = np.zeros_like(model.nodes)
-    shift[:, axes] = np.random.default_rng(0).normal(size=(len(model.nodes), len(axes)))
-    shift[model.fixed] = 0.0
-    for (start, end), length in zip(model.bars, model.bar_length):
-        along = (model.nodes[end] - model.nodes[start]) / length
-        for node in (start, end):
-            shift[node] -= along * (along @ shift[node])
-    return replace(model, nodes=model.nodes + shift * (PERTURBATION / np.max(np.abs(shift))))
+    result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings), notes.append)
+    return Reference(result, found, spreads(run.model, run.inputs, START_ERROR), tuple(notes), time.process_time() - began)
 
 
 def submit(executor: Executor, runs: list[Scenario], cache: Path | None) -> list[Future]:
@@ -229,35 +236,52 @@ def finish(
     references: list[Future],
     executor: Executor,
     cache: Path | None,
+    say=lambda text: None,
 ) -> Validation:
     """Wait for the reference runs and compare; where that fails, once more with a tighter reference.
 
-    executor, cache: as for `submit`.  Raises ValidationError where the reference cannot go on.
+    outside: what run_outside returned for `repeated` runs; executor, cache: as for `submit`; say: gets a line of progress per
+    scenario.  Raises ValidationError where the reference cannot go on.
     """
-    done = []
-    for run, found, future in zip(runs, outside, references, strict=True):
+    done, found = [], [outside[i :: len(runs)] for i in range(len(runs))]
+    for run, one, future in zip(runs, found, references, strict=True):
         try:
-            done.append(judged(run, found, future))
+            done.append(judged(run, one, future))
         except TensegrityError as error:
             raise ValidationError(f"{model.name}, {run.title}: {error}") from error
-    return Validation(model, runtime, tuple(judge_again(done, outside, executor, cache)))
+        say(progress(model, runtime, run, done[-1], future.result(), f"{len(done)} of {len(runs)}"))
+    return Validation(model, runtime, tuple(judge_again(done, found, executor, cache)))
 
 
-def judged(run: Scenario, found: tuple, future: Future, tight: bool = False) -> Run:
-    """The run from outside, compared with the reference.  found: from run_outside; future: of reference_run."""
-    fmu, events, seconds = found
-    result, from_cache, growth = future.result()
-    return Run(run, result, fmu, compare(result, fmu, events, growth), seconds, from_cache, tight)
+def progress(model: Model, runtime: str, run: Scenario, judged: Run, found: Reference, counted: str) -> str:
+    """A line for somebody who waits."""
+    took = "reference from the cache" if found.cached else f"reference in {found.seconds:.1f} s"
+    part = 100.0 * max(judged.comparison.part, judged.tight.part)
+    simulated = f"{run.inputs.times[-1] - run.inputs.times[0]:g} s"
+    return f"  {model.name}, {runtime}: {run.short or run.title}, {simulated}: {part:.2g} % of the bounds; {took} ({counted})"
 
 
-def judge_again(done: list[Run], outside: list, executor: Executor, cache: Path | None) -> list[Run]:
+def judged(run: Scenario, found: list, future: Future, again: bool = False) -> Run:
+    """The runs from outside, compared with the reference.  found: what run_outside returned for this scenario, at the FMU's own
+    tolerance and at the tight ones; future: of reference_run."""
+    right = future.result()
+    longest = float(np.max(run.model.bar_length, initial=0.0))
+    small, large = right.spreads
+    (fmu, events, seconds), *others = found
+    own = compare(right.result, fmu, events, large, longest)
+    tight = [compare(right.result, *one[:2], small, longest, tolerance) for one, tolerance in zip(others, TIGHT, strict=True)]
+    best = min(tight, key=lambda one: (len(one.failures), one.part))
+    return Run(run, right.result, fmu, own, best, seconds, right.cached, again)
+
+
+def judge_again(done: list[Run], found: list, executor: Executor, cache: Path | None) -> list[Run]:
     """The same runs, where they failed compared with a tighter reference, whose own error cannot be what passed a bound.
 
     A tighter reference that cannot go on clears nobody: then the failed comparison stays.
     """
-    failed = [i for i, run in enumerate(done) if run.comparison.failures]
+    failed = [i for i, run in enumerate(done) if run.failures]
     again = {i: executor.submit(reference_run, done[i].scenario, cache, True) for i in failed}
     for i, future in again.items():
         with contextlib.suppress(TensegrityError):
-            done[i] = judged(done[i].scenario, outside[i], future, tight=True)
+            done[i] = judged(done[i].scenario, found[i], future, again=True)
     return done

@@ -63,20 +63,27 @@ def check(arguments: argparse.Namespace) -> int:
 
 def summary(model: Model, start: str) -> str:
     """What `tensegrity check` prints: counts, statics, and the start."""
-    stable, lowest = statics.stability(model)
-    unbalanced = np.abs(statics.residual(model)).max(initial=0.0)
     axes = "".join("xyz"[axis] for axis in model.axes)
     lines = [
         f"{model.name}: {model.description}" if model.description else model.name,
         f"  nodes: {len(model.nodes)} ({len(model.fixed_nodes)} fixed), axes {axes}",
         f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
         *_analysis(model),
-        f"  start: {start}, largest unbalanced force {unbalanced:.1e} N, {'stable' if stable else 'unstable'} "
-        f"(lowest stiffness {lowest:z.4g} N/m)",
+        f"  start: {start}, {_balance(model)}",
         *_moves(model),
         *_forces(model),
     ]
     return "\n".join(lines)
+
+
+def _balance(model: Model) -> str:
+    """Whether the start is an equilibrium, and then whether it is stable."""
+    force, node, equilibrium = statics.unbalanced(model)
+    if not equilibrium:
+        return f"not an equilibrium: up to {force:.3g} N stay unbalanced, at {model.node_names[node]}"
+    stable, lowest = statics.stability(model)
+    least = f" (lowest stiffness {lowest:z.4g} N/m)" if np.isfinite(lowest) else " (nothing has a stiffness)"
+    return f"largest unbalanced force {force:.1e} N, {'stable' if stable else 'unstable'}{least}"
 
 
 def _analysis(model: Model) -> list[str]:

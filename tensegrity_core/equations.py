@@ -191,9 +191,11 @@ def _require_class_1(model: Model) -> None:
             bar_of[node] = i
         if model.fixed[ends].all():
             raise InputError(f"bar {model.bar_names[i]!r} has both ends fixed; free one of them")
+    massed = {node for node, mass in model.point_mass if mass > 0.0}
     for node in model.free_nodes:
-        if bar_of[node] < 0:
-            raise InputError(f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it")
+        if bar_of[node] < 0 and node not in massed:
+            raise InputError(f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it, or give it a "
+                             "point mass")
     for node in model.moving:
         if not model.fixed[node]:
             raise InputError(f"moving names the free node {model.node_names[node]!r}; fix it, or let it move by itself")
@@ -260,8 +262,8 @@ class Strings(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces on the nodes but the bars' and the ground's
-    (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
+    """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces F on the nodes but the bars' and the
+    ground's (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
 
     strings: Strings
     lam: np.ndarray

@@ -127,9 +127,12 @@ class Equations:
         first, second = self.place[model.bars[:, 0]], self.place[model.bars[:, 1]]
         afloat = (first[:, 0] >= 0) & (second[:, 0] >= 0)
         turns = len(model.bars) * (D - 1)
-        self._rank = turns + int(afloat.sum()) * D
+        lone = self.place[model.lone_nodes].ravel()
+        alone = turns + int(afloat.sum()) * D
+        self._rank = alone + len(lone)
         self._still = np.zeros((self.size + 1, self._rank))  # the last row takes what fixed nodes would get
-        shifts = turns + np.arange(self._rank - turns).reshape(-1, D)
+        self._still[lone, alone + np.arange(len(lone))] = 1.0
+        shifts = turns + np.arange(alone - turns).reshape(-1, D)
         for end in (first, second):
             self._still[end[afloat], shifts] = np.sqrt(0.5)
         self._one = np.eye(D)
@@ -183,7 +186,8 @@ class Equations:
         return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, stretch, tension)
 
     def _basis(self, bar: np.ndarray, squared: np.ndarray) -> np.ndarray:
-        """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), and shifts of those afloat."""
+        """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), shifts of those afloat and of nodes on
+        no bar."""
         mirror = bar / np.sqrt(squared)[:, None]
         mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
         scaled = 2.0 * mirror / np.einsum("bd,bd->b", mirror, mirror)[:, None]

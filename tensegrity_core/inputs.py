@@ -84,7 +84,7 @@ def held(model: Model, times: np.ndarray, force=None, rest_length=None, current=
     forces = np.zeros((steps, len(model.nodes), 3))
     if force is not None:
         forces[:] = [force(t) for t in inside]
-    lengths = np.tile(model.rest_length, (steps + 1, 1))
+    lengths = np.repeat(model.rest_length[None], steps + 1, axis=0)
     if rest_length is not None:
         lengths[:] = [rest_length(t) for t in times]
     rates = np.diff(lengths, axis=0) / np.diff(times)[:, None]

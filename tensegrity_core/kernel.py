@@ -24,6 +24,10 @@ LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.p
 STATS = ("steps", "rejected", "rhs", "jacobians", "factorisations", "transitions", "restarts", "implicit_steps")
 
 
+#: Calls into which `simulate` divides a step that is more work than one call may take.
+PARTS = 50
+
+
 class _Transition(ctypes.Structure):
     _fields_ = [("time", c_double), ("loss", c_double)]
     _fields_ += [("string", c_int32), ("before", c_int32), ("after", c_int32), ("padding", c_int32)]
@@ -369,6 +373,27 @@ def input_rows(model: Model, inputs: Inputs) -> np.ndarray:
     return np.hstack([np.asarray(part, dtype=float).reshape(steps, -1) for part in parts])
 
 
+def _step(kernel: Kernel, h: float) -> list[Transition]:
+    """A step, in PARTS where it is more work than one call may take; returns its transitions."""
+    try:
+        kernel.step(h)
+    except SimulationError as error:
+        if error.status != "work_limit":
+            raise
+    else:
+        return kernel.transitions if kernel.transition_count else []
+    found: list[Transition] = []
+    length, position, speed = (kernel[name].copy() for name in ("rest_length", "node_position", "node_velocity"))
+    for n in range(PARTS):
+        t = h * n / PARTS
+        kernel["rest_length"][:] = length + kernel["rest_length_rate"] * t
+        kernel["node_position"][:] = position + (speed + 0.5 * kernel["node_acceleration"] * t) * t
+        kernel["node_velocity"][:] = speed + kernel["node_acceleration"] * t
+        kernel.step(h / PARTS)
+        found += kernel.transitions
+    return found
+
+
 def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> Result:
     """Run the kernel over held inputs (inputs.Inputs); the same signature and result as the reference.
 
@@ -388,10 +413,8 @@ def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: floa
     rows[0], snapped[0] = kernel.values, counts
     for k, h in enumerate(np.diff(inputs.times).tolist()):
         block[:] = given[k]
-        kernel.step(h)
+        transitions += _step(kernel, h)
         rows[k + 1], snapped[k + 1] = kernel.values, counts
-        if kernel.transition_count:
-            transitions += kernel.transitions
     series = {name: rows[:, at] for name, at in kernel.layout.items()}
     scalars = {n: series[n][:, 0] for n in ("kinetic", "potential", "elastic", "dissipated", "input_work", "throughput")}
     return Result(

@@ -91,7 +91,7 @@ class Model:
         element: per string its force law where it is neither a spring nor an NSH, else None.
         damper: per string its damping law where it is not linear, else None.
         actuator: per string its actuator, or None; current: (A,) A, drum_load: (A,) N, their start values.
-        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order.
+        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order; a free node on no bar has one.
         drag: (node, N.s/m) of the nodes with viscous drag, in node order.
         moving: fixed nodes whose motion is an input, in node order.
     """
@@ -175,6 +175,11 @@ class Model:
     def free_nodes(self) -> np.ndarray:
         """(F,) indices of the nodes that can move."""
         return np.flatnonzero(~self.fixed)
+
+    @cached_property
+    def lone_nodes(self) -> np.ndarray:
+        """(L,) indices of the nodes that can move and are on no bar: point masses by themselves."""
+        return np.setdiff1d(self.free_nodes, self.bars)
 
     @cached_property
     def fixed_nodes(self) -> np.ndarray:

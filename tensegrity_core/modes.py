@@ -14,6 +14,11 @@ are eigenvectors of
 A complex pair lambda = -zeta w +- i w sqrt(1 - zeta^2) oscillates; its shape is complex where dampers are not proportional
 to mass and stiffness: parts of the structure move out of phase.  A real lambda decays without oscillation (or grows, where the
 equilibrium is unstable); an overdamped direction has two of them.
+
+Neutral directions, which K does not resist (rigid-body motions, mechanisms of slack strings), are found first, by the rank of
+K: their lambda = 0 is exact, and the rest is solved without them.  With N their basis and y = N a + Z b they obey a'' = 0 where
+dampers leave them alone too; else, with drag, b' = Z^T v and v' = -K Z b - C v (unit masses) has the other eigenvalues: those of
+the rates at which the drag stops them among these.
 """
 
 from __future__ import annotations
@@ -27,11 +32,16 @@ from .model import Model
 from .statics import NEUTRAL
 
 
+SPLIT = 1e-9  # of an eigenvalue: imaginary parts below are round-off
+
+
 class Mode(NamedTuple):
-    """eigenvalue: lambda, 1/s, with an imaginary part >= 0; shape: (N, 3) complex, its largest component 1."""
+    """eigenvalue: lambda, 1/s, with an imaginary part >= 0; shape: (N, 3) complex, its largest component 1; neutral: what a
+    direction is that nothing resists, such as 'rotation about z' of a structure afloat, else ''."""
 
     eigenvalue: complex
     shape: np.ndarray
+    neutral: str = ""
 
     @property
     def oscillates(self) -> bool:
@@ -125,12 +135,12 @@ def mass_matrix(model: Model) -> np.ndarray:
 
 
 def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
-    """Modes about the model's start under external forces (N, 3), N; complex pairs once.  What grows, or lives longest,
-    comes first (rising decay rate, then rising |lambda|).
+    """Modes about the model's start under external forces (N, 3), N; complex pairs once.  Neutral directions, rigid-body motions
+    first, come before all others, with lambda = 0 and their name; then what grows, or lives longest (rising decay rate, then
+    rising |lambda|).
 
     The start is meant to be an equilibrium under these forces (statics.settle makes it one).  damped: False leaves out the
-    dampers.  Directions that nothing resists, such as the rigid-body motions of a structure afloat, have lambda = 0.
-    Raises TooLarge.
+    dampers.  Raises TooLarge.
     """
     found = matrices(model, force)
     if not len(found.mass):
@@ -139,24 +149,88 @@ def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
     inverse = np.linalg.inv(lower)
     stiffness = inverse @ found.stiffness @ inverse.T
     damping = inverse @ found.damping @ inverse.T * float(damped)
-    values, vectors = _eigenpairs(stiffness, damping)
+    neutral = _null(found.stiffness)
+    loose = neutral @ _null(found.damping @ neutral * float(damped), np.abs(found.damping).max())
+    values, vectors = _eigenpairs(stiffness, damping, lower.T @ neutral, lower.T @ loose)
     shapes = found.basis @ inverse.T @ vectors
     order = np.lexsort((np.abs(values), -values.real))
-    return [Mode(complex(values[i]), _shape(model, shapes[:, i])) for i in order]
+    named = [Mode(0j, _shape(model, field), name) for name, field in _named(model, found.basis @ neutral)]
+    return named + [Mode(complex(values[i]), _shape(model, shapes[:, i])) for i in order]
 
 
-def _eigenpairs(stiffness: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """lambda with imaginary part >= 0, and phi (r, modes), of unit masses."""
+def _null(matrix: np.ndarray, largest: float = 0.0) -> np.ndarray:
+    """(r, k) orthonormal: what a matrix (q, r) makes nothing of, beside round-off of its largest value or of `largest`."""
+    _, sizes, directions = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
+    rank = int(np.sum(sizes > NEUTRAL * max(largest, sizes.max(initial=0.0))))
+    return directions[rank:].T
+
+
+def _complement(directions: np.ndarray) -> np.ndarray:
+    """(r, r - k): orthonormal, across the independent directions (r, k)."""
+    return np.linalg.qr(directions, mode="complete")[0][:, directions.shape[1] :]
+
+
+def _eigenpairs(stiffness, damping, neutral, loose) -> tuple[np.ndarray, np.ndarray]:
+    """lambda with imaginary part >= 0, and phi (r, modes), of unit masses; without the zeros of neutral directions (r, k), which
+    the stiffness leaves alone, and of loose ones (r, l) among them, which the damping leaves alone too."""
+    rest = _complement(loose)
+    stiffness, damping, neutral = rest.T @ stiffness @ rest, rest.T @ damping @ rest, rest.T @ neutral
+    dragged = np.linalg.svd(neutral, full_matrices=False)[0][:, : neutral.shape[1] - loose.shape[1]]
     if not damping.any():  # symmetric: exact pairs
         squares, vectors = np.linalg.eigh(stiffness)
-        squares = np.where(np.abs(squares) <= NEUTRAL * np.abs(squares).max(), 0.0, squares)
         oscillating = np.where(squares >= 0.0, 1j * np.sqrt(np.abs(squares)), np.sqrt(np.abs(squares)))
         growing = squares < 0.0
-        return np.append(oscillating, -oscillating[growing]), np.hstack([vectors, vectors[:, growing]]).astype(complex)
-    r = len(stiffness)
-    values, vectors = np.linalg.eig(np.block([[np.zeros((r, r)), np.eye(r)], [-stiffness, -damping]]))
+        vectors = rest @ np.hstack([vectors, vectors[:, growing]]).astype(complex)
+        return np.append(oscillating, -oscillating[growing]), vectors
+    resisted = _complement(dragged)
+    k = resisted.shape[1]
+    values, vectors = np.linalg.eig(np.block([[np.zeros((k, k)), resisted.T], [-stiffness @ resisted, -damping]]))
+    values, vectors = _real_where_equal(values.astype(complex), vectors[k:].astype(complex))
     kept = values.imag >= 0.0
-    return values[kept].astype(complex), vectors[:r, kept].astype(complex)
+    return values[kept], rest @ vectors[:, kept]
+
+
+def _real_where_equal(values: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Equal real eigenvalues, which round-off parts into a pair with hardly an imaginary part, as the real ones they are."""
+    values, vectors = values.copy(), vectors.copy()
+    hardly = (values.imag != 0.0) & (np.abs(values.imag) <= SPLIT * np.abs(values))
+    for i in np.flatnonzero(hardly):  # of a pair, with vectors a + i b and a - i b: a and b
+        one = vectors[:, i].real if values[i].imag > 0.0 else vectors[:, i].imag
+        vectors[:, i] = one if np.linalg.norm(one) > SPLIT * np.linalg.norm(vectors[:, i]) else vectors[:, i].real
+        values[i] = values[i].real
+    return values, vectors
+
+
+def _named(model: Model, neutral: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Names and free coordinates of neutral directions (n, k): the rigid-body motions among them, then the others."""
+    if not neutral.shape[1]:
+        return []
+    fields = {name: field[model.free_nodes][:, model.axes].ravel() for name, field in statics.rigid_fields(model).items()}
+    rigid = neutral @ _aligned(neutral, statics.rigid_body_motions(model))
+    found, known = [], np.zeros((len(neutral), 0))
+
+    def add(name, field):
+        nonlocal known
+        beyond = field - known @ (known.T @ field)
+        if np.linalg.norm(beyond) > 1e-6 * max(np.linalg.norm(field), 1e-6):
+            known = np.column_stack([known, beyond / np.linalg.norm(beyond)])
+            found.append((name, field))
+
+    for name, field in fields.items():
+        if np.linalg.norm(field - rigid @ (rigid.T @ field)) <= 1e-6 * np.linalg.norm(field):
+            add(name, field)
+    for field in rigid.T:
+        add("rigid-body motion", field)
+    for field in neutral.T:
+        if len(found) < neutral.shape[1]:
+            add("mechanism without stiffness", field)
+    return found
+
+
+def _aligned(neutral: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    """(k, m): combinations of orthonormal directions (n, k) that are combinations of orthonormal motions, too."""
+    left, cosines, _ = np.linalg.svd(neutral.T @ motions, full_matrices=False)
+    return left[:, cosines > 1.0 - 1e-6]
 
 
 def _shape(model: Model, free: np.ndarray) -> np.ndarray:

@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
         from .modes_figures import modes_figure  # Matplotlib takes a second to import
         from .plots import write_figure
 
-        write_figure(modes_figure(model, found), figure)
-    print(summary(model, found, arguments.count))
+        write_figure(modes_figure(model, [mode for mode in found if not mode.neutral]), figure)
+    print(summary(model, found, arguments.count, force))
     for path in (output, figure):
         if path:
             print(f"  written: {path}")
@@ -66,10 +66,21 @@ def steady(model: Model, texts: list[str]) -> tuple[Model, np.ndarray]:
     return loading.model_at(1.0, sweep.nodes[-1]), force
 
 
-def summary(model: Model, found: list[Mode], count: int) -> str:
-    """What `tensegrity modes` prints: a line per mode, the longest-lived first."""
-    lines = [f"{model.name}: {len(found)} modes, the longest-lived first"]
+def summary(model: Model, found: list[Mode], count: int, force: np.ndarray | None = None) -> str:
+    """What `tensegrity modes` prints: directions that nothing resists by name, then a line per mode, the longest-lived first."""
+    freedoms = len(model.free_nodes) * len(model.axes) - len(model.bars)
+    neutral, found = [mode.neutral for mode in found if mode.neutral], [mode for mode in found if not mode.neutral]
+    lines = [f"{model.name}: {freedoms} degrees of freedom"]
+    off, node, equilibrium = statics.unbalanced(model, force)
+    if not equilibrium:
+        lines.append(f"  about a state that is not an equilibrium: up to {off:.3g} N stay unbalanced, at {model.node_names[node]}")
+    if neutral:
+        lines.append(f"  nothing resists {len(neutral)} of them: {', '.join(_counted(neutral))}")
+    oscillating = sum(mode.oscillates for mode in found)
+    rest = len(found) - oscillating
     if found:
+        aside = f", {rest} that do not (an overdamped direction has two)" if rest else ""
+        lines.append(f"  {oscillating} modes that oscillate{aside}; the longest-lived first")
         lines.append("   mode  frequency, Hz  damping ratio  decay rate, 1/s  moves most")
     for i, mode in enumerate(found[:count], 1):
         node, axis = np.unravel_index(int(np.argmax(np.abs(mode.shape))), mode.shape.shape)
@@ -82,17 +93,25 @@ def summary(model: Model, found: list[Mode], count: int) -> str:
     return "\n".join(lines)
 
 
+def _counted(names: list[str]) -> list[str]:
+    """Names, those that come more than once with their number."""
+    counts = {name: names.count(name) for name in names}
+    return [name if n == 1 else f"{n} {name.replace('motion', 'motions').replace('mechanism', 'mechanisms')}"
+            for name, n in counts.items()]  # fmt: skip
+
+
 def _write(output: Path, model: Model, found: list[Mode]) -> None:
-    """One row per mode: lambda (1/s), frequencies (Hz), damping ratio, decay rate (1/s), shape (real and imaginary part)."""
+    """One row per mode: lambda (1/s), frequencies (Hz), damping ratio, decay rate (1/s), whether nothing resists it (1 or 0),
+    shape (real and imaginary part)."""
     places = [f"{model.node_names[i]}.{'xyz'[axis]}" for i in range(len(model.nodes)) for axis in model.axes]
-    header = ["mode", "lambda.re", "lambda.im", "frequency", "natural_frequency", "damping_ratio", "decay_rate"]
+    header = ["mode", "lambda.re", "lambda.im", "frequency", "natural_frequency", "damping_ratio", "decay_rate", "neutral"]
     header += [f"{place}.{part}" for place in places for part in ("re", "im")]
     with replacing_text(output) as file:
         file.write(",".join(header) + "\n")
         for i, mode in enumerate(found, 1):
             shape = mode.shape[:, list(model.axes)].ravel()
             numbers = [mode.eigenvalue.real, mode.eigenvalue.imag, mode.frequency, mode.natural_frequency]
-            numbers += [mode.damping_ratio, mode.decay_rate, *np.column_stack([shape.real, shape.imag]).ravel()]
+            numbers += [mode.damping_ratio, mode.decay_rate, bool(mode.neutral), *np.column_stack([shape.real, shape.imag]).ravel()]
             file.write(",".join([str(i), *(repr(float(x)) for x in numbers)]) + "\n")
 
 

@@ -33,8 +33,8 @@ def label(mode: Mode) -> str:
     """Frequency and damping ratio, or the rate at which the mode decays or grows."""
     if mode.oscillates:
         return f"{mode.frequency:.4g} Hz, damping ratio {mode.damping_ratio:z.3g}"
-    if mode.eigenvalue == 0.0:
-        return "free, nothing resists"
+    if mode.neutral:
+        return f"{mode.neutral}, nothing resists"
     return f"{'decays' if mode.decay_rate > 0.0 else 'grows'} at {abs(mode.decay_rate):.4g} /s"
 
 

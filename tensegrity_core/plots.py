@@ -85,6 +85,7 @@ class Drawing:
             (self._line(**bead, markerfacecolor="white"), self._line(**bead, markerfacecolor=NSH))
             for _ in model.nsh_strings
         ]
+        self._masses = [self._line(linestyle="", marker="o", markersize=8.0 * width, color=BAR) for _ in model.lone_nodes]
         self._loads = [self._line(color=LOAD, linewidth=2.5 * width) for _ in model.nodes]
         for node in model.nodes[model.fixed]:
             support = self._line(linestyle="", marker="^", markersize=9.0 * width, color=SUPPORT)
@@ -103,6 +104,8 @@ class Drawing:
         snapped = np.zeros(len(model.nsh_strings), dtype=int) if snapped is None else snapped
         for line, ends in zip(self._bars, model.bars):
             self._set(line, nodes[ends])
+        for line, node in zip(self._masses, model.lone_nodes):
+            self._set(line, nodes[node], nearer=0.01)
         for line, ends, loose in zip(self._strings, model.strings, slack):
             self._set(line, nodes[ends])
             line.set_linestyle((0, (3, 2)) if loose else "-")

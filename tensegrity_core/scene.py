@@ -251,7 +251,7 @@ class Scene(Entry):
     bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
     strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
     point_masses: dict[str, NotNegative] = Field(
-        default_factory=dict, description="node name = mass in kg that the node carries beside its bar's, 0 or more"
+        default_factory=dict, description="node name = mass in kg that the node carries beside its bar's, 0 or more; greater than 0 for a free node on no bar"
     )
     drag: dict[str, NotNegative] = Field(
         default_factory=dict, description="free node's name = drag coefficient in N s/m, force per velocity, 0 or more"
@@ -587,10 +587,9 @@ def _check_members(scene: Scene) -> Iterator[SceneError]:
             problem = "both ends are fixed, so the bar cannot move"
             yield scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
     for node in scene.nodes:
-        if node not in owner and node not in fixed:
-            problem = "is neither fixed nor on a bar"
-            problem += ", so it cannot be simulated" if node in scene.point_masses else ", so it has no mass"
-            yield scene.error(f"nodes.{node}", problem, "Put it on a bar, or list it in fixed.")
+        if node not in owner and node not in fixed and not scene.point_masses.get(node):
+            problem = "is neither fixed nor on a bar, so it has no mass"
+            yield scene.error(f"nodes.{node}", problem, "Put it on a bar, give it a point mass, or list it in fixed.")
 
 
 def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:

@@ -17,7 +17,7 @@ import numpy as np
 from . import laws
 from .elements import Element, Series
 from .errors import SceneError, SimulationError, TensegrityError
-from .kernel import Kernel
+from .kernel import Kernel, load_library
 from .model import Model
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ FASTEST_DECAY = 1e12  # 1/s
 
 def require(scene: Scene, model: Model) -> None:
     """Raise SceneError where the model cannot be simulated."""
+    load_library()  # that it is missing is no fault of the scene
     _require_rates(scene, model)
     failure = _refusal(model)
     if failure is None:

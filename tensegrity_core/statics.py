@@ -194,6 +194,25 @@ def residual(model: Model, force=None) -> np.ndarray:
     return unbalanced.reshape(-1, len(model.axes))
 
 
+class Unbalanced(NamedTuple):
+    """force: N, the largest unbalanced force on a free node at the start; node: its number, -1 where no node is free;
+    equilibrium: whether it is round-off."""
+
+    force: float
+    node: int
+    equilibrium: bool
+
+
+def unbalanced(model: Model, force=None) -> Unbalanced:
+    """Whether the model's start is an equilibrium under external forces (N, 3), N, and how far it is from one."""
+    size = np.linalg.norm(residual(model, force), axis=1)
+    if not len(size):
+        return Unbalanced(0.0, -1, True)
+    worst, largest = int(np.argmax(size)), np.abs(member_forces(model, force)).max(initial=0.0)
+    small = max(10.0 * _round_off(model), 1e-9 * float(largest))
+    return Unbalanced(float(size[worst]), int(model.free_nodes[worst]), bool(size[worst] <= small))
+
+
 def _rows(model: Model, field: np.ndarray) -> np.ndarray:
     """A nodal field (N, 3) at the rows of the equilibrium matrix."""
     return field[model.free_nodes][:, model.axes].ravel()
@@ -240,7 +259,7 @@ def analyse(model: Model, tolerance: float = RANK_TOLERANCE) -> Analysis:
     left, values, right = np.linalg.svd(matrix)
     rank = int(np.sum(values > tolerance * values[0])) if values.size else 0
     free = left[:, rank:]
-    rigid = _rigid_body_motions(model)
+    rigid = rigid_body_motions(model)
     if rigid.shape[1]:
         projected = free - rigid @ (rigid.T @ free)
         directions, sizes, _ = np.linalg.svd(projected, full_matrices=False)
@@ -251,20 +270,27 @@ def analyse(model: Model, tolerance: float = RANK_TOLERANCE) -> Analysis:
     return Analysis(*matrix.shape, values, rank, right[rank:].T, fields, rigid.shape[1])
 
 
-def _rigid_body_motions(model: Model) -> np.ndarray:
+def rigid_body_motions(model: Model) -> np.ndarray:
     """(F*D, r) orthonormal rigid-body velocities of the free nodes that leave the fixed nodes at rest."""
-    arm = model.nodes - model.nodes.mean(axis=0)
-    arm = arm / max(1e-300, float(np.abs(arm).max()))
-    fields = [np.tile(np.eye(3)[axis], (len(arm), 1)) for axis in model.axes]
-    for axis in range(3):
-        if len(model.axes) == 3 or axis not in model.axes:
-            fields.append(np.cross(np.eye(3)[axis], arm))
-    fields = np.array(fields)[:, :, model.axes]
+    fields = np.array(list(rigid_fields(model).values()))[:, :, model.axes]
     held = fields[:, model.fixed_nodes].reshape(len(fields), -1)
     combinations = _null_space(held.T)
     moving = fields[:, model.free_nodes].reshape(len(fields), -1).T @ combinations
     directions, sizes, _ = np.linalg.svd(moving, full_matrices=False)
     return directions[:, sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))]
+
+
+def rigid_fields(model: Model) -> dict[str, np.ndarray]:
+    """(N, 3) velocities by name: the structure's translations along its axes and its rotations, about the nodes' mean or, where
+    nodes are fixed, about the mean of these; the farthest node turns at 1 m/s."""
+    middle = model.nodes[model.fixed_nodes if model.fixed.any() else slice(None)].mean(axis=0)
+    arm = model.nodes - middle
+    arm = arm / max(1e-300, float(np.abs(arm).max()))
+    fields = {f"translation along {'xyz'[axis]}": np.tile(np.eye(3)[axis], (len(arm), 1)) for axis in model.axes}
+    for axis in range(3):
+        if len(model.axes) == 3 or axis not in model.axes:
+            fields[f"rotation about {'xyz'[axis]}"] = np.cross(np.eye(3)[axis], arm)
+    return fields
 
 
 def _null_space(matrix: np.ndarray) -> np.ndarray:
@@ -498,6 +524,17 @@ class _Modes:
         """The lowest eigenvalue, N/m, and its eigenvector (r,)."""
         return float(self.values[0]), self.vectors[:, 0]
 
+    def times(self, directions: np.ndarray) -> np.ndarray:
+        """The stiffness times directions (r, m)."""
+        return self.vectors @ (self.values[:, None] * (self.vectors.T @ directions))
+
+    def lowest_beside(self, neutral: np.ndarray) -> float:
+        """The lowest eigenvalue, N/m, across the orthonormal directions (r, k), which have none; inf: there is none."""
+        if not neutral.size:
+            return float(self.values.min(initial=np.inf))
+        rest = np.linalg.qr(neutral, mode="complete")[0][:, neutral.shape[1] :]
+        return float(np.linalg.eigvalsh(rest.T @ self.times(rest)).min(initial=np.inf))
+
     def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
         """(r,) where the flow goes in a time under a pull (r,), N; None: without end, or too far to say.
 
@@ -537,13 +574,25 @@ class _Factors:
 
     def lowest(self) -> tuple[float, np.ndarray]:
         """The lowest eigenvalue, N/m, and its eigenvector (r,)."""
-        shift = 0.0
+        values, vectors = self._lowest(1)
+        return float(values[0]), vectors[:, 0]
+
+    def times(self, directions: np.ndarray) -> np.ndarray:
+        """The stiffness times directions (r, m)."""
+        return self.tangent @ directions
+
+    def lowest_beside(self, neutral: np.ndarray) -> float:
+        """The lowest eigenvalue, N/m, across the orthonormal directions (r, k), which have none."""
+        values, vectors = self._lowest(1 + neutral.shape[1])
+        return float(values[np.linalg.norm(neutral.T @ vectors, axis=0) < 0.5].min(initial=np.inf))
+
+    def _lowest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        shift = 0.0 if count == 1 else 1e-4 * self.stiffest  # beside zeros others lose the digits that an inverse has of these
         while (factors := self.factors(shift)) is None:
             shift = max(4.0 * shift, NEUTRAL * self.stiffest)
         inverse = sparse_linalg.LinearOperator(self.tangent.shape, factors.solve, dtype=float)
         start = np.random.default_rng(0).standard_normal(len(factors.perm_r))
-        values, vectors = sparse_linalg.eigsh(self.tangent, 1, sigma=-shift, OPinv=inverse, v0=start)
-        return float(values[0]), vectors[:, 0]
+        return sparse_linalg.eigsh(self.tangent, count, sigma=-shift, OPinv=inverse, v0=start)
 
     def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
         """As of _Modes; a pull along a neutral direction is not left alone, but no step of infinite time follows it."""
@@ -642,7 +691,8 @@ class _Surface:
     def _basis(self, nodes: np.ndarray):
         """(F*D, r): orthonormal directions that keep the bars' lengths, few nodes in each.
 
-        A bar contributes its turning about each direction across it and, if both ends are free, its translations.
+        A bar contributes its turning about each direction across it and, if both ends are free, its translations; a node on no
+        bar its own.
         """
         bars, axes = self.model.bars, self.model.axes
         first, second = self.place[bars[:, 0]], self.place[bars[:, 1]]  # (B, D)
@@ -656,7 +706,12 @@ class _Surface:
         turning = np.broadcast_to(turns, across.shape).ravel()
         columns = [turning, turning, shifts.ravel(), shifts.ravel()]
         values = [-across.ravel(), across.ravel(), np.full(2 * shifts.size, math.sqrt(0.5))]
-        shape = (self.size, turns.size + shifts.size)
+        lone = self.place[self.model.lone_nodes].ravel()
+        if len(lone):
+            rows.append(lone)
+            columns.append(turns.size + shifts.size + np.arange(len(lone)))
+            values.append(np.ones(len(lone)))
+        shape = (self.size, turns.size + shifts.size + len(lone))
         return self.decomposition.assembled(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), shape)
 
     def _bar_density(self, nodes: np.ndarray, total: np.ndarray) -> np.ndarray:
@@ -703,7 +758,8 @@ def tangent_stiffness(model: Model, force=None) -> np.ndarray:
 
 
 class Stability(NamedTuple):
-    """stable: no eigenvalue of the tangent stiffness is negative beyond round-off; lowest: the lowest of them, N/m."""
+    """stable: no eigenvalue of the tangent stiffness is negative beyond round-off; lowest: the lowest of them, N/m, those of
+    rigid-body motions that nothing resists left out (inf: there is no other)."""
 
     stable: bool
     lowest: float
@@ -711,8 +767,17 @@ class Stability(NamedTuple):
 
 def stability(model: Model, force=None) -> Stability:
     """Stability of the model's start, of small and large structures."""
-    tangent = _Surface(model, force).at(model.nodes).tangent
-    return Stability(tangent.stable(), tangent.lowest()[0])
+    point = _Surface(model, force).at(model.nodes)
+    return Stability(point.tangent.stable(), point.tangent.lowest_beside(_neutral(point, rigid_body_motions(model))))
+
+
+def _neutral(point: _Point, motions: np.ndarray) -> np.ndarray:
+    """(r, k) orthonormal: what of motions (F*D, m) the tangent stiffness does not resist, along the point's directions."""
+    along = point.basis.T @ motions
+    _, sizes, combinations = np.linalg.svd(point.tangent.times(along), full_matrices=along.shape[0] < along.shape[1])
+    free = np.ones(along.shape[1], dtype=bool)
+    free[: len(sizes)] = sizes <= 10.0 * NEUTRAL * point.tangent.stiffest
+    return np.linalg.qr(along @ combinations[free].T)[0]
 
 
 def is_stable(values: np.ndarray) -> bool:

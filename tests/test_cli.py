@@ -214,6 +214,21 @@ def test_tower_prints_without_a_file_and_its_scene_can_be_checked_and_run(tmp_pa
     assert set(build_model(load_scene(path)).bar_mass) == {2.0}
 
 
+def test_check_says_what_is_no_equilibrium(tmp_path, capsys):
+    """A bar released on its side: half of its weight, across it, is balanced by nothing."""
+    path = tmp_path / "fall.toml"
+    path.write_text(
+        'name = "fall"\nplane = "xz"\nstart = "released"\nfixed = ["a"]\n'
+        "[nodes]\na = [0.0, 0.0]\nb = [0.6, 0.8]\n[bars]\nrod = { nodes = [\"a\", \"b\"], mass = 10.0 }\n"
+    )
+    assert main(["check", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "start: released, not an equilibrium: up to 29.4 N stay unbalanced, at b" in shown  # m g/2 times 0.6
+    assert "stable" not in shown and "lowest stiffness" not in shown
+    assert main(["modes", str(path)]) == 0
+    assert "not an equilibrium: up to 29.4 N stay unbalanced, at b" in capsys.readouterr().out
+
+
 def test_check_of_a_large_tower_shows_ranges(tmp_path, capsys):
     path = tmp_path / "tall.toml"
     assert main(["tower", "120", "--output", str(path)]) == 0

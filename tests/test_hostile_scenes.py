@@ -1,7 +1,9 @@
 """Scenes that ask too much: too large, too deep, too far apart.  Each is refused in one line, or is answered soon."""
 
 import os
+from collections import Counter
 
+import fuzz_scenes
 import pytest
 from test_scene import GOOD, write
 
@@ -159,3 +161,18 @@ def test_data_from_python_may_be_anything():
     for data in (circle, {"nodes": [[[]]] * 3}, {"name": 10**5000}, {1: 2}, {("a", "b"): 1}, [1], None, {"bars": {3: 4}}):
         with pytest.raises(SceneError):
             parse_scene(data)
+
+
+# --- anything at all ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_damaged_scenes_are_answered_or_refused(part, tmp_path):
+    """200 of the cases of `python tests/fuzz_scenes.py`, which has as many as one likes."""
+    fuzz_scenes.prepare(tmp_path)
+    ends = Counter()
+    for number in range(50 * part, 50 * part + 50):
+        end, wrong, _ = fuzz_scenes.judge(number, 0, tmp_path)
+        assert not wrong or wrong.startswith("took"), wrong  # time is the command's to judge
+        ends[end.split(": ")[1]] += 1
+    assert ends["simulated"] > 2 and ends["SceneError of the scene"] > 20

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_src.compare import POSITION_BOUND
+from .scenario import POSITION_BOUND
 
 HEAD = """# Importers and checkers
 
@@ -23,6 +23,16 @@ outputs (`s1.snapped`) are left out. It is run where the native FMU was refused.
 """
 FOOT = """
 Tools count their time differently; the last digits of their step sizes are what the deviations from the kernel show.
+
+Some tools pass a tolerance that nobody chose: OMSimulator always 1e-4, unless it is told another. Followed, it would cost 7e-7 m
+and 1.1 N where 1e-7 m is promised, so that the FMU takes a tighter tolerance than its own 1e-10 from a host, and no looser one;
+it says so in the log and answers `fmi2OK`, since OMSimulator and PyFMI end the run at a warning there. To trade accuracy for
+time, set `solver.tolerance` ([what it costs](fmu.md#rules)).
+
+PyFMI's `set_input_derivatives` with the name of a single variable passes order 0, which FMI has not: the FMU refuses it and goes
+on. Name the variable in a list.
+
+fmpy's `simulate_fmu` stops early at large start times ([fmu.md](fmu.md#rules)).
 
 A native FMU carries `terminalsAndIcons/terminalsAndIcons.xml` (FMI 3.0's format), with the variables of each node and each
 string together. None of these tools minds it.

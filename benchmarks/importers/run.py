@@ -23,7 +23,6 @@ import machine  # noqa: E402
 from importers import environments, page, scenario  # noqa: E402
 from importers.tools import TOOLS, Tool  # noqa: E402
 
-from fmu_src.compare import POSITION_BOUND  # noqa: E402
 from tensegrity_core.files import scratch, write_text  # noqa: E402
 from tensegrity_core.model import Model  # noqa: E402
 
@@ -83,7 +82,7 @@ def judged(found: dict, expected: Expected, after: str) -> dict:
     if theirs.size != ours[0].size:
         return {"outcome": "differs", "why": f"{len(theirs)} rows of {theirs.shape[1]} outputs, not {len(ours[0])}"}
     gap, added = (float(np.max(np.abs(theirs.reshape(one.shape) - one))) for one in ours)
-    verdict = "passed" if gap <= POSITION_BOUND else "differs"
+    verdict = "passed" if gap <= scenario.POSITION_BOUND else "differs"
     return {"outcome": verdict, "why": after or found["note"], "deviation": gap, "from_kernel": added}
 
 

@@ -13,7 +13,7 @@ from fmu_src.native_fmu import here, pack_native_fmu
 from fmu_src.pack import pack_python_fmu, write_zip
 from fmu_src.reference_cache import cached, reference_key
 from fmu_src.scenarios import LIFT, pushed_node, top_nodes
-from fmu_src.validate import CACHE, NORMAL
+from fmu_src.validate import CACHE, SETTINGS
 from tensegrity_core import kernel, reference
 from tensegrity_core.inputs import Inputs, grid, held
 from tensegrity_core.model import Model
@@ -25,6 +25,8 @@ HERE = Path(__file__).resolve().parent
 SCENE = "three_bar_nsh"
 #: Simulated time and communication step, s; half height, N, and period, s, of the square wave.
 DURATION, STEP, WAVE, PERIOD = 2.0, 0.01, 200.0, 1.0
+#: How far positions may be off the reference, m.
+POSITION_BOUND = 1e-7
 SIMPLE = "native, simple types"
 #: What packs an FMU; SIMPLE is for tools that refuse the native one.
 PACK = {"native": pack_native_fmu, SIMPLE: partial(pack_native_fmu, simple=True), "python": pack_python_fmu}
@@ -53,7 +55,7 @@ def inputs(model: Model) -> Inputs:
 def expected(model: Model) -> np.ndarray:
     """(K+1, N, 3) positions, m, of the reference under the same held inputs; kept like all reference runs."""
     moved = inputs(model)
-    return cached(CACHE, reference_key(model, moved, NORMAL), lambda: reference.simulate(model, moved, **NORMAL))[0].position
+    return cached(CACHE, reference_key(model, moved, SETTINGS), lambda: reference.simulate(model, moved, **SETTINGS))[0].position
 
 
 def plain_kernel(model: Model) -> np.ndarray:

@@ -55,18 +55,14 @@ typedef struct {
     int32_t stale;         /* Initialization Mode: outputs are older than the inputs */
     int32_t tolerance_set; /* by the host: fmi2SetupExperiment does not change it then */
     int32_t stop_defined;
-    int32_t discarded;     /* the last fmi2DoStep was */
     double start, time, stop; /* s */
+    int32_t discarded; /* not saved: the last fmi2DoStep was */
 } instance;
 
 /* messages.c */
 void fmu_log(const instance *fmu, int category, fmi2Status status, const char *format, ...);
 const char *fmu_number(double x, char text[32]);
 extern const char *const fmu_categories[LOG_CATEGORIES];
-
-/* checksum.c: of bytes, going on from another sum; FMU_CHECKSUM begins one. */
-#define FMU_CHECKSUM 14695981039346656037u
-uint64_t fmu_checksum(uint64_t sum, const char *bytes, size_t size);
 
 /* variables.c: 0 where the bytes are damaged, cut or of another version. */
 int variables_read(variable_table *table, char *bytes, size_t size);

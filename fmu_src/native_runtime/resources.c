@@ -120,3 +120,9 @@ char *fmu_resource(const char *location, const char *name, size_t *size, char *m
     free(path);
     return bytes;
 }
+
+uint64_t fmu_checksum(uint64_t sum, const char *bytes, size_t size)
+{
+    for (size_t i = 0; i < size; i++) sum = (sum ^ (unsigned char)bytes[i]) * 1099511628211u;
+    return sum;
+}

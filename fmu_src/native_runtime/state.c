@@ -8,7 +8,7 @@
 
 typedef struct {
     uint64_t magic, identity;
-    int32_t mode, stale, tolerance_set, stop_defined, discarded, spare;
+    int32_t mode, stale, tolerance_set, stop_defined, spare[2];
     double start, time, stop;
     uint64_t checksum; /* of the head with this field 0 and of the kernel's bytes, which follow */
 } head;
@@ -32,10 +32,9 @@ void fmu_state_save(const instance *fmu, char *bytes)
     h.stale = fmu->stale;
     h.tolerance_set = fmu->tolerance_set;
     h.stop_defined = fmu->stop_defined;
-    h.discarded = fmu->discarded;
     h.start = fmu->start;
     h.time = fmu->time;
-    h.stop = fmu->stop;
+    h.stop = fmu->stop_defined ? fmu->stop : 0.0;
     ts_save(fmu->sim, bytes + sizeof h, size);
     h.checksum = checksum(h, bytes + sizeof h, size);
     memcpy(bytes, &h, sizeof h);
@@ -62,7 +61,7 @@ int fmu_state_restore(instance *fmu, const char *bytes)
     fmu->stale = h.stale;
     fmu->tolerance_set = h.tolerance_set;
     fmu->stop_defined = h.stop_defined;
-    fmu->discarded = h.discarded;
+    fmu->discarded = 0; /* says something of the last step, which is undone */
     fmu->start = h.start;
     fmu->time = h.time;
     fmu->stop = h.stop;

@@ -362,20 +362,48 @@ static PyObject *space_of(const python *py, const char *source, const char *path
     return space;
 }
 
+/* Whether slavemodule.txt holds the name of a module and the checksum of its file (pack.py), and nothing else. */
+static int vouches(const char *text, size_t size, const char *name, const char *source, size_t source_size)
+{
+    char right[200];
+    unsigned long long sum = fmu_checksum(FMU_CHECKSUM, source, source_size);
+    snprintf(right, sizeof right, "%s\n%016llx\n", name, sum);
+    return size == strlen(right) && !memcmp(text, right, size);
+}
+
+/* The source of the main module, which looks after all other files; NULL with the reason.  file: its name. */
+static char *main_source(const char *location, char file[160], char *reason, size_t capacity)
+{
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_";
+    size_t size, source_size;
+    char *text = fmu_resource(location, "slavemodule.txt", &size, reason, capacity), *source = NULL;
+    size_t length = text ? strspn(text, letters) : 0;
+    if (!text) return NULL;
+    if (!length || length > 150 || text[length] != '\n') {
+        snprintf(reason, capacity, "resources/slavemodule.txt is damaged; unzip the FMU anew");
+    } else {
+        snprintf(file, 160, "%.*s.py", (int)length, text);
+        source = fmu_resource(location, file, &source_size, reason, capacity);
+    }
+    file[source ? length : 0] = 0; /* without the suffix, to compare */
+    if (source && !vouches(text, size, file, source, source_size)) {
+        snprintf(reason, capacity, "resources/%s.py or resources/slavemodule.txt is damaged; unzip the FMU anew", file);
+        free(source);
+        source = NULL;
+    }
+    if (source) strcat(file, ".py");
+    free(text);
+    return source;
+}
+
 /* The namespace that the FMU's main module leaves; NULL: with the reason in why, or as an exception. */
 static PyObject *run_main(const python *py, const char *location, report *why)
 {
-    char reason[512] = "", file[160];
-    size_t size;
-    char *name = fmu_resource(location, "slavemodule.txt", &size, reason, sizeof reason), *source = NULL, *path = NULL;
+    char reason[512] = "", file[160] = "";
+    char *source = main_source(location, file, reason, sizeof reason), *path = NULL;
     PyObject *space = NULL;
-    if (name) {
-        snprintf(file, sizeof file, "%.150s.py", name);
-        source = fmu_resource(location, file, &size, reason, sizeof reason);
-    }
     if (source && (path = fmu_resource_path(location, file))) space = space_of(py, source, path);
     if (!source) report_add(why, "%s", reason);
-    free(name);
     free(source);
     free(path);
     return space;

@@ -20,23 +20,36 @@ class Refused(Exception):
 
 def check():
     """Refuse files that differ from those that were built; without the list of them nothing is checked."""
-    sums = os.path.join(FOLDER, "checksums.txt")
-    if not os.path.isfile(sums):
+    if not os.path.lexists(os.path.join(FOLDER, "checksums.txt")):
         return
-    with open(sums, encoding="ascii", errors="replace") as file:
-        head, *lines = file.read().split("\n")
+    head, *lines = content("checksums.txt").decode("ascii", "replace").split("\n")
     if head != "# %d files" % (len(lines) - 1) or lines[-1]:
         raise Refused("resources/checksums.txt is damaged; unzip the FMU anew")
     for line in lines[:-1]:
         digest, _, name = line.partition("  ")
-        try:
-            with open(os.path.join(FOLDER, name), "rb") as file:
-                content = file.read()
-        except (OSError, ValueError) as error:
-            raise Refused("%s cannot be read; unzip the FMU anew" % os.path.join(FOLDER, name)) from error
-        if hashlib.sha256(content).hexdigest() != digest:
+        if hashlib.sha256(content(name)).hexdigest() != digest:
             remedy = "unzip the FMU anew, or, if you changed the file, remove resources/checksums.txt"
             raise Refused("resources/%s differs from what was built; %s" % (name, remedy))
+
+
+def content(name):
+    """Of a file in the resources."""
+    try:
+        with open(os.path.join(FOLDER, name), "rb") as file:
+            return file.read()
+    except (OSError, ValueError) as error:
+        raise Refused("%s cannot be read; unzip the FMU anew" % os.path.join(FOLDER, name)) from error
+
+
+def loaded():
+    """The module `bridge`, with all that it imports, from the files that were checked: no cache of Python's is read or left."""
+    before = sys.dont_write_bytecode, sys.pycache_prefix
+    sys.dont_write_bytecode, sys.pycache_prefix = True, os.path.join(FOLDER, "no cache")
+    try:
+        package()
+        return importlib.import_module(PRIVATE + ".python_runtime.bridge")
+    finally:
+        sys.dont_write_bytecode, sys.pycache_prefix = before
 
 
 def package():
@@ -56,5 +69,4 @@ try:
 except ImportError as error:
     version = "%d.%d" % sys.version_info[:2]
     raise ImportError(f"NumPy is missing in Python {version} of {sys.prefix} ({error}): pip install numpy there") from error
-package()
-bridge = importlib.import_module(PRIVATE + ".python_runtime.bridge")
+bridge = loaded()

@@ -19,7 +19,7 @@ SETTING, READING = INSTANTIATED | INITIALIZATION | STEPPING, INITIALIZATION | ST
 _MAGIC = b"TSFMU\0\0\2"
 _HEAD = struct.Struct("<8s32sI")
 _BODY = struct.Struct("<BBddd")
-_STALE, _TOLERANCE_SET, _DISCARDED = 1, 2, 4
+_STALE, _TOLERANCE_SET = 1, 2
 
 
 class StateError(Exception):
@@ -29,7 +29,8 @@ class StateError(Exception):
 @dataclass
 class State:
     """mode: of the life cycle; start, time, stop: s; stale: outputs are older than inputs (Initialization Mode);
-    tolerance_set: by the host, so that fmi2SetupExperiment does not change it; discarded: the last step was.
+    tolerance_set: by the host, so that fmi2SetupExperiment does not change it; discarded: the last step was; that
+    is not saved.
     """
 
     mode: int = INSTANTIATED
@@ -41,7 +42,7 @@ class State:
     discarded: bool = False
 
     def pack(self, identity: bytes, kernel: bytes) -> bytes:
-        flags = _STALE * self.stale | _TOLERANCE_SET * self.tolerance_set | _DISCARDED * self.discarded
+        flags = _STALE * self.stale | _TOLERANCE_SET * self.tolerance_set
         body = _BODY.pack(self.mode, flags, self.start, self.time, self.stop) + kernel
         return _HEAD.pack(_MAGIC, identity, zlib.crc32(body)) + body
 
@@ -68,6 +69,5 @@ class State:
             stop=stop,
             stale=bool(flags & _STALE),
             tolerance_set=bool(flags & _TOLERANCE_SET),
-            discarded=bool(flags & _DISCARDED),
         )
         return state, body[_BODY.size :]

@@ -109,4 +109,4 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
 }
 
 const ts_method ts_dop853 = {
-    "dop853", 1.0 / 8.0, 6.0, 0.04, TS_LEDGER_IN_STAGES, 0, attempt, accept, densify, interpolate};
+    "dop853", 1.0 / 8.0, 6.0, 0.04, TS_LEDGER_IN_STAGES, 0, 8, attempt, accept, densify, interpolate};

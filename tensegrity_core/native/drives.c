@@ -69,6 +69,11 @@ void ts_weigh(ts_sim *sim)
         sim->laden[p->block] = all;
         sim->inv[p->block + 1] = 12.0 / (bar + 12.0 * inertia);
     }
+    for (int i = 0; i < m->lone_count; i++) {
+        int b = m->node_block[m->lone[i]];
+        sim->inv[b] = 1.0 / extra[m->lone[i]];
+        sim->laden[b] = extra[m->lone[i]];
+    }
     for (int i = 0; m->count[TS_P] && i < m->count[TS_S]; i++) hang(m, i);
 }
 

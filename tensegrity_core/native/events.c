@@ -120,6 +120,7 @@ static void at_theta(const step *s, double theta, int i, double *gap, double *ra
     ts_sim *sim = s->sim;
     const ts_term *t = sim->m.term + 4 * i;
     int D = sim->m.count[TS_D], nq = sim->m.nq;
+    sim->looks++;
     for (int k = 0; k < sim->m.term_count[i]; k++) {
         s->method->interpolate(sim, theta, t[k].offset, D, sim->ytmp + t[k].offset);
         s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->ytmp + nq + t[k].offset);

@@ -12,6 +12,8 @@
 #define RETAKES 8      /* attempts in a row after which a doubtful transition counts all the same */
 #define ROUND_OFF (8.0 * DBL_EPSILON)
 #define FIXED_STEP 1e-3 /* s, where none is given */
+#define PORTION 2e8     /* work of a short call at most, about 3 s */
+#define SPAN 4.0        /* s of simulated time that allow a call as much again */
 
 #define TS_METHOD(NAME, name) &ts_##name,
 static const ts_method *const methods[TS_METHOD_COUNT] = {NULL, TS_METHODS(TS_METHOD)}; /* by TS_METHOD_..., `auto` first */
@@ -255,8 +257,37 @@ static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
     int fixed = (method->flags & TS_FIXED_STEP) != 0;
     if (!(longest > 0.0)) longest = fixed ? FIXED_STEP : INFINITY;
     plan p = {end, longest, may_run_ahead, 0, 1, 0, 0};
-    if (fixed) p.grid = (int64_t)fmin(fmax(ceil(end / longest * (1.0 - 1e-9)), 1.0), 4.0 * TS_MAX_STEPS);
+    if (fixed) p.grid = (int64_t)fmin(fmax(ceil(end / longest * (1.0 - 1e-9)), 1.0), 1e15);
     return p;
+}
+
+/* Work of a call so far.  Its unit is what a right-hand side takes for one string or bar, some 15 to 30 ns; all else in that unit
+ * was counted in instructions, on two to six bars. */
+typedef struct {
+    double before; /* the simulation's work when the call began */
+    double limit;  /* up to which the present portion lasts */
+    double from;   /* s, where the call was when it began */
+} budget;
+
+static double work(const ts_sim *sim)
+{
+    const int64_t *done = sim->memory.stats;
+    double parts = 1.0 + sim->m.count[TS_S] + sim->m.count[TS_B], attempts = (double)(done[TS_STEPS] + done[TS_REJECTED]);
+    double solved = 14.0 * parts * (double)done[TS_JACOBIANS] + 8.0 * sim->pattern.entries * (double)done[TS_FACTORISATIONS];
+    return parts * ((double)done[TS_RHS] + 4.0 * attempts) + solved + 4.0 * (double)sim->looks;
+}
+
+/* Portions of work that a call of this length may take. */
+static double portions(double length) { return 1.0 + length / SPAN; }
+
+/* May the call go on?  Each portion must bring it on by its share. */
+static int affordable(const ts_sim *sim, budget *b, double tau, double end)
+{
+    if (work(sim) - b->before < b->limit) return 1;
+    if ((tau - b->from) * portions(end) < end) return 0;
+    b->limit += PORTION;
+    b->from = tau;
+    return 1;
 }
 
 /* Factor of the step by the errors of this one and of the one before (Hairer, Wanner, Solving Ordinary Differential Equations
@@ -308,13 +339,14 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     look_ahead(sim, methods[memory->active], &p);
     sim->call = end;
     sim->may_run_ahead = may_run_ahead;
-    if (p.grid > TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
+    budget b = {work(sim), PORTION, 0.0};
+    if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end)) return fail(sim, TS_WORK_LIMIT);
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
     if (!all_finite(sim, sim->f0)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
-    for (int n = 0; tau < end; n++) {
+    while (tau < end) {
         int last, stiff = memory->stiff;
         double err_last = memory->err_last;
-        if (n >= TS_MAX_STEPS) return fail(sim, TS_WORK_LIMIT);
+        if (!affordable(sim, &b, tau, end)) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
         look_ahead(sim, method, &p);
         double most = p.ahead ? p.longest : fmin(end - tau, p.longest);
@@ -353,6 +385,36 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         tau = reached;
     }
     return TS_OK;
+}
+
+/* The state at the communication point once more, where the open step serves it. */
+void ts_recall(ts_sim *sim)
+{
+    ts_span *span = &sim->memory.span;
+    if (!(span->h > 0.0)) return;
+    sim->dense_ready = 1;
+    state_at(sim, span, -span->start / span->h);
+}
+
+/* Of a saved state: numbers that no step will read become zero, so that equal states are equal bytes.  Without an open step that
+ * is all about it; else rows and components that its method does not use, and padding. */
+void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead)
+{
+    const ts_model *m = &sim->m;
+    const size_t one = sizeof(double), stride = (size_t)m->stride, lanes = (size_t)m->lanes, S = (size_t)m->count[TS_S];
+    if (!(memory->span.h > 0.0)) {
+        memset(&memory->span, 0, sizeof memory->span);
+        memory->joined = 0.0;
+        memset(ahead, 0, one * sim->ahead_size);
+        return;
+    }
+    const ts_method *method = methods[memory->span.method];
+    const size_t ny = (size_t)m->ny, used = method->flags & TS_LEDGER_IN_STAGES ? ny : 2 * (size_t)m->nq;
+    for (size_t row = 0; row < 10; row++) { /* the state at the start, dense output, the end, the derivative there */
+        size_t kept = row == 0 || row == 9 ? ny : row < (size_t)method->rows || row == 8 ? used : 0;
+        memset(ahead + one * (row * stride + kept), 0, one * (stride - kept));
+    }
+    for (size_t k = 0; k < 2; k++) memset(ahead + one * (10 * stride + k * lanes + S), 0, one * (lanes - S));
 }
 
 /* Inputs change: the state at the communication point is the one to go on from. */

@@ -1,8 +1,8 @@
 /* Const model, mutable data, workspace.  One simulation owns one of each; nothing else is shared.
  *
  * Generalised coordinates.  The state is a list of blocks of D numbers: a free bar has two blocks, its centre r and its
- * vector b; a pinned bar has one, c = tip - base.  A node's position is (r or its anchor) + coef * block.  Blocks of bars
- * carry the projector that keeps their length. */
+ * vector b; a pinned bar has one, c = tip - base; a point mass on no bar has one, its position.  A node's position is (r or its
+ * anchor) + coef * block.  Blocks of bars carry the projector that keeps their length. */
 #ifndef TENSEGRITY_INTERNAL_H
 #define TENSEGRITY_INTERNAL_H
 
@@ -13,7 +13,6 @@
 #include "tensegrity.h"
 
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
-#define TS_MAX_STEPS 2000000      /* per call of ts_step */
 #define TS_LANES 4                /* arrays that are worked on in one go are padded to a multiple of it */
 #define TS_PATIENCE 3             /* signs of stiffness that make `auto` leave the explicit method */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
@@ -72,6 +71,7 @@ typedef struct {
     int32_t blocks, nq, ny;         /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
     int32_t lanes, stride;          /* strings and ny, padded to a multiple of TS_LANES */
     int32_t pinned_count, floating_count; /* bars of each kind */
+    int32_t lone_count;             /* free nodes on no bar: point masses by themselves */
     int32_t z_axis;                 /* local axis that is z, or -1 */
     int32_t damping_law;            /* 0 literal, 1 tension_only */
     uint64_t hash;                  /* of the packed model */
@@ -94,11 +94,12 @@ typedef struct {
     int32_t *law;                   /* (S) 1: among the curved */
     ts_place_of_bar *pinned;        /* (pinned_count) */
     ts_place_of_bar *floating;      /* (floating_count) */
+    int32_t *lone;                  /* (lone_count) nodes; node_block has their blocks, which are their positions */
     int32_t *free_index;            /* (N) place among the free nodes; -1 - place among the fixed ones */
     int32_t *bar_block;             /* (B) block of b or c */
     int32_t *bar_centre;            /* (B) block of r, or -1 where pinned */
     int32_t *bar_base;              /* (B) fixed node of a pinned bar, or -1 */
-    int32_t *block_bar;             /* (blocks) bar */
+    int32_t *block_bar;             /* (blocks) bar; -1: none */
     int32_t *block_turns;           /* (blocks) 1: a bar vector of constant length, 0: a centre */
     double *block_length;           /* (blocks) length of a bar vector, m */
     int32_t *node_block;            /* (N) block of the bar vector, or -1 */
@@ -231,6 +232,7 @@ struct ts_sim {
     int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
     ts_transition *transitions;
     int64_t transition_count;
+    int64_t looks;          /* at one string on the dense output, since ts_create() */
     char message[256];
     size_t bytes;     /* of the allocations below; the pattern and the force curves come on top */
     double *matrices; /* allocation behind Jq, Jv, factor */
@@ -255,6 +257,7 @@ typedef struct {
     double smoothing;   /* exponent of the last step's error there (Gustafsson): fewer rejections */
     int flags;
     int splits;         /* transitions located in one step at most; 0: all */
+    int rows;           /* of cont that its dense output uses */
     /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
     double (*attempt)(ts_sim *sim, double tau, double h);
     /* after acceptance: y1 has been put on the constraint; leave the derivative there in f1 */
@@ -361,6 +364,8 @@ int ts_integrate(ts_sim *sim, double h, int may_run_ahead);
 int ts_span_serves(const ts_sim *sim, double h);
 void ts_serve_span(ts_sim *sim, double h);
 void ts_close_span(ts_sim *sim);
+void ts_recall(ts_sim *sim);
+void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead);
 int ts_fixed_step(int method);
 
 /* auto.c */

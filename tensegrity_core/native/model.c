@@ -83,6 +83,7 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S);
     TAKE(m->y_start, m->stride), TAKE(m->block_length, m->blocks), TAKE(m->own_place, m->blocks);
     TAKE(m->ends, 2 * lanes), TAKE(m->pinned, m->pinned_count), TAKE(m->floating, m->floating_count);
+    TAKE(m->lone, m->lone_count);
     TAKE(sim->curve, S), TAKE(sim->curve_owner, S), TAKE(sim->damping, S);
     TAKE(sim->curve_key, 2 * (3 * m->count[TS_Z] + S));
     TAKE(sim->values, m->n_real), TAKE(sim->applied, sim->n_applied), TAKE(sim->y, stride);
@@ -159,6 +160,25 @@ static void list_bars(ts_model *m)
     }
 }
 
+/* Free nodes on no bar, each with a block of its own behind those of the bars; a reason why one cannot move, or NULL. */
+static const char *lay_out_lone(ts_model *m, const double *nodes)
+{
+    int D = m->count[TS_D], block = m->pinned_count + 2 * m->floating_count, found = 0;
+    for (int i = 0; i < m->count[TS_P]; i++)
+        if (m->node_block[m->massed[i]] < 0 && !m->fixed[m->massed[i]]) m->node_coef[m->massed[i]] = 1.0;
+    for (int n = 0; n < m->count[TS_N]; n++) {
+        if (m->fixed[n] || m->node_block[n] >= 0) continue;
+        if (m->node_coef[n] != 1.0) return "a free node has neither a bar nor a point mass";
+        m->lone[found] = n;
+        m->block_bar[block] = -1;
+        m->block_turns[block] = 0;
+        m->node_block[n] = block;
+        for (int d = 0; d < D; d++) m->y_start[block * D + d] = nodes[n * D + d];
+        found++, block++;
+    }
+    return NULL;
+}
+
 /* Blocks of the generalised coordinates, and each node's place in them. */
 static const char *lay_out_bars(ts_model *m, const double *nodes)
 {
@@ -199,10 +219,8 @@ static const char *lay_out_bars(ts_model *m, const double *nodes)
             m->y_start[m->bar_block[i] * D + d] = base < 0 ? b - a : nodes[tip * D + d] - nodes[base * D + d];
         }
     }
-    for (int n = 0; n < N; n++)
-        if (!m->fixed[n] && m->node_block[n] < 0) return "a free node has no bar";
     list_bars(m);
-    return NULL;
+    return lay_out_lone(m, nodes);
 }
 
 /* Who moves with a moved node, who winds which string. */
@@ -269,6 +287,8 @@ static void lay_out_velocity(ts_model *m, const double *velocity)
             if (m->bar_centre[i] >= 0) m->y_start[m->nq + m->bar_centre[i] * D + d] = 0.5 * (a + b);
             m->y_start[m->nq + m->bar_block[i] * D + d] = flipped ? a - b : b - a;
         }
+    for (int i = 0; i < m->lone_count; i++)
+        for (int d = 0; d < D; d++) m->y_start[m->nq + m->node_block[m->lone[i]] * D + d] = velocity[m->lone[i] * D + d];
 }
 
 static size_t int_count(const ts_model *m)
@@ -313,13 +333,25 @@ static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
 
 static int round_up(int n) { return (n + TS_LANES - 1) / TS_LANES * TS_LANES; }
 
+/* Free nodes on no bar; -1: out of memory. */
+static int count_lone(const ts_model *m)
+{
+    int N = m->count[TS_N], count = 0;
+    char *on_bar = (char *)calloc((size_t)N + 1, 1);
+    if (!on_bar) return -1;
+    for (int i = 0; i < 2 * m->count[TS_B]; i++) on_bar[m->bars[i]] = 1;
+    for (int n = 0; n < N; n++) count += !m->fixed[n] && !on_bar[n];
+    free(on_bar);
+    return count;
+}
+
 static void count_blocks(ts_sim *sim)
 {
     ts_model *m = &sim->m;
     m->pinned_count = 0;
     for (int i = 0; i < m->count[TS_B]; i++) m->pinned_count += m->fixed[m->bars[2 * i]] || m->fixed[m->bars[2 * i + 1]];
     m->floating_count = m->count[TS_B] - m->pinned_count;
-    m->blocks = m->pinned_count + 2 * m->floating_count + m->count[TS_A]; /* of an actuator's only the first number is used */
+    m->blocks = m->pinned_count + 2 * m->floating_count + m->lone_count + m->count[TS_A]; /* of an actuator's only the first number is used */
     m->nq = m->blocks * m->count[TS_D];
     m->ny = 2 * m->nq + TS_LEDGER;
     m->stride = round_up(m->ny);
@@ -404,6 +436,7 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
         m->program_values = nodes + 2 * N * D;
         m->start = m->program_values + m->program_doubles;
         reason = check(m);
+        if (!reason && (m->lone_count = count_lone(m)) < 0) reason = "out of memory";
         if (!reason) {
             count_blocks(sim);
             arena a = {NULL, 0};

@@ -4,6 +4,7 @@
  *     centre of a free bar:   r'' = Q/m
  *     vector of a free bar:   b'' = (12/m) P Q - (|b'|^2/|b|^2) b,   Q = (f2 - f1)/2
  *     pinned bar:             c'' = (3/m) P Q - (|c'|^2/|c|^2) c,    Q = f_tip
+ *     point mass on no bar: x'' = Q/m_p
  * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of
  * mass; they, drag, moved nodes and actuators stand in drives.c.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
@@ -146,6 +147,13 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
             first[D + d] = rd[d] - lower * bd[d];
             second[d] = r[d] + upper * b[d];
             second[D + d] = rd[d] + upper * bd[d];
+        }
+    }
+    for (int i = 0; driven && i < m->lone_count; i++) {
+        int n = m->lone[i], b = m->node_block[n] * D;
+        for (int d = 0; d < D; d++) {
+            x[2 * D * n + d] = q[b + d];
+            x[2 * D * n + D + d] = v[b + d];
         }
     }
 }
@@ -347,6 +355,10 @@ ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, do
             Qb[d] = Qg[D + d] + (driven ? p->upper * f2[d] - p->lower * f1[d] : 0.5 * (f2[d] - f1[d]));
         }
     }
+    for (int i = 0; driven && i < m->lone_count; i++) {
+        int n = m->lone[i], b = m->node_block[n] * D;
+        for (int d = 0; d < D; d++) Q[b + d] = sim->Qg[b + d] + force[n * D + d];
+    }
     if (sim->forces_move) move_forces(sim, tau, Q);
     if (driven) ts_carry(sim, Q);
 }
@@ -380,6 +392,10 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
         turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
     }
     if (!driven) return;
+    for (int i = 0; i < m->lone_count; i++) {
+        int b = m->node_block[m->lone[i]];
+        for (int d = 0; d < D; d++) a[b * D + d] *= sim->inv[b];
+    }
     ts_motors(sim, tau, v, a);
     for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inv[i / D];
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);

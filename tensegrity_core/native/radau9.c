@@ -157,4 +157,4 @@ static void densify(ts_sim *sim, double tau, double h)
 }
 
 const ts_method ts_radau9 = {
-    "radau9", 1.0 / 6.0, 8.0, 0.0, TS_IMPLICIT | TS_ALWAYS_DENSE, 0, attempt, accept, densify, interpolate};
+    "radau9", 1.0 / 6.0, 8.0, 0.0, TS_IMPLICIT | TS_ALWAYS_DENSE, 0, 6, attempt, accept, densify, interpolate};

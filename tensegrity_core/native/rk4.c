@@ -44,4 +44,4 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
     for (int i = 0; i < count; i++) out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }
 
-const ts_method ts_rk4 = {"rk4", 1.0, 1.0, 0.0, TS_FIXED_STEP | TS_LEDGER_IN_STAGES, 0, attempt, accept, densify, interpolate};
+const ts_method ts_rk4 = {"rk4", 1.0, 1.0, 0.0, TS_FIXED_STEP | TS_LEDGER_IN_STAGES, 0, 4, attempt, accept, densify, interpolate};

@@ -67,4 +67,4 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
         out[i] = rest * c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + theta * c[4 * stride + i])));
 }
 
-const ts_method ts_rodas5p = {"rodas5p", 1.0 / 5.0, 6.0, 0.0, TS_IMPLICIT | TS_CLIPPED, 0, attempt, accept, densify, interpolate};
+const ts_method ts_rodas5p = {"rodas5p", 1.0 / 5.0, 6.0, 0.0, TS_IMPLICIT | TS_CLIPPED, 0, 5, attempt, accept, densify, interpolate};

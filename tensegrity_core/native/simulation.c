@@ -131,6 +131,17 @@ static int wrong_beam(const ts_sim *sim)
     return -1;
 }
 
+/* A node on no bar has no other mass.  The first point mass that is 0 on such a node, or -1. */
+static int wrong_mass(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; m->lone_count && i < m->count[TS_P]; i++) {
+        int block = m->node_block[m->massed[i]];
+        if (block >= 0 && m->block_bar[block] < 0 && !(sim->values[m->at[TS_POINT_MASS] + i] > 0.0)) return m->at[TS_POINT_MASS] + i;
+    }
+    return -1;
+}
+
 /* Look through the fields before this one. */
 static int check_fields(ts_sim *sim, int end, int32_t *index)
 {
@@ -155,6 +166,12 @@ int ts_check(ts_sim *sim, int32_t *index)
     if (beam >= 0) {
         *index = beam;
         say(sim, "must lie between 2 and 8 (a metastable beam)");
+        return TS_BAD_INPUT;
+    }
+    int mass = wrong_mass(sim);
+    if (mass >= 0) {
+        *index = mass;
+        say(sim, "must be positive: the node is on no bar and has no other mass");
         return TS_BAD_INPUT;
     }
     if (method < 0 || method >= TS_METHOD_COUNT) {
@@ -189,58 +206,23 @@ static void move_to_centres(ts_sim *sim)
                 sim->y[at] += (m->floating[i].lower - 0.5) * sim->y[at + D];
 }
 
-int ts_initialize(ts_sim *sim, double time)
+/* Eight sums that do not wait for each other. */
+static int all_finite(const double *x, int n)
 {
-    const ts_model *m = &sim->m;
-    int32_t index;
-    int status = ts_check(sim, &index);
-    if (status != TS_OK) return status;
-    if (!isfinite(time)) {
-        say(sim, "the start time is not a finite number");
-        return TS_BAD_STEP;
-    }
-    status = build_curves(sim);
-    if (status != TS_OK) return status;
-    int method = sim->integers[m->int_at[TS_INT_METHOD]];
-    memset(&sim->memory, 0, sizeof sim->memory);
-    sim->memory.time = time;
-    sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
-    sim->memory.patience = TS_PATIENCE;
-    sim->memory.method = method;
-    sim->memory.started = 1;
-    set_reach(sim);
-    sim->transition_count = 0;
-    memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
-    memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
-    memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
-    ts_prepare(sim);
-    move_to_centres(sim);
-    ts_project(sim, sim->y);
-    ts_jump_bases(sim, NULL, NULL, 0.0);
-    /* strings with memory come from slack; what that dissipated was before the start */
-    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
-    ts_place_all(sim);
-    sim->transition_count = sim->memory.stats[TS_TRANSITIONS] = 0;
-    ts_rhs(sim, 0.0, sim->y, sim->f0);
-    ts_outputs(sim, 0.0);
-    for (int i = 0; i < 2 * m->nq; i++)
-        if (!isfinite(sim->f0[i])) {
-            say(sim, "the accelerations at the start are not finite numbers");
-            sim->memory.started = 0;
-            return TS_NOT_FINITE;
-        }
-    return TS_OK;
+    double sum[8] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    int i = 0;
+    for (; i + 8 <= n; i += 8)
+        for (int l = 0; l < 8; l++) sum[l] += 0.0 * x[i + l];
+    for (; i < n; i++) sum[0] += 0.0 * x[i];
+    return ((sum[0] + sum[1]) + (sum[2] + sum[3])) + ((sum[4] + sum[5]) + (sum[6] + sum[7])) == 0.0;
 }
 
-/* Everything that a step changes, but the outputs. */
-static void backup(ts_sim *sim, ts_memory *memory)
+/* Velocities may be finite whose energy is not. */
+static int check_outputs(ts_sim *sim, const char *when)
 {
-    size_t S = (size_t)sim->m.count[TS_S];
-    *memory = sim->memory;
-    memcpy(sim->backup, sim->y, sizeof(double) * (size_t)sim->m.ny);
-    memcpy(sim->backup_ints, sim->piece, sizeof(int32_t) * S);
-    memcpy(sim->backup_ints + S, sim->clipped, sizeof(int32_t) * S);
-    if (memory->span.h > 0.0) memcpy(sim->ahead_backup, sim->ahead, sizeof(double) * sim->ahead_size);
+    if (all_finite(sim->values + sim->n_applied, sim->m.n_real - sim->n_applied)) return TS_OK;
+    snprintf(sim->message, sizeof sim->message, "a force, a velocity or an energy %s is not a finite number; lower the loads", when);
+    return TS_NOT_FINITE;
 }
 
 /* The inputs and parameters of the last step in place of the present ones, which the caller may have changed since. */
@@ -267,6 +249,73 @@ static void derive(ts_sim *sim)
     set_reach(sim);
     ts_prepare(sim);
     set_pieces(sim);
+}
+
+/* The curves of the run under way, after new ones could not be built. */
+static void keep_curves(ts_sim *sim)
+{
+    if (!sim->memory.started) return;
+    swap_applied(sim);
+    if (ts_curves_build(sim)) sim->memory.started = 0;
+    else derive(sim);
+    swap_back(sim);
+}
+
+int ts_initialize(ts_sim *sim, double time)
+{
+    const ts_model *m = &sim->m;
+    int32_t index;
+    int status = ts_check(sim, &index);
+    if (status != TS_OK) return status;
+    if (!isfinite(time)) {
+        say(sim, "the start time is not a finite number");
+        return TS_BAD_STEP;
+    }
+    status = build_curves(sim);
+    if (status != TS_OK) {
+        keep_curves(sim);
+        return status;
+    }
+    int method = sim->integers[m->int_at[TS_INT_METHOD]];
+    memset(&sim->memory, 0, sizeof sim->memory);
+    sim->memory.time = time;
+    sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
+    sim->memory.patience = TS_PATIENCE;
+    sim->memory.method = method;
+    sim->memory.started = 1;
+    set_reach(sim);
+    sim->transition_count = 0;
+    memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
+    memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
+    memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
+    ts_prepare(sim);
+    move_to_centres(sim);
+    ts_project(sim, sim->y);
+    ts_jump_bases(sim, NULL, NULL, 0.0);
+    /* strings with memory come from slack; what that dissipated was before the start */
+    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
+    ts_place_all(sim);
+    sim->transition_count = sim->memory.stats[TS_TRANSITIONS] = 0;
+    ts_rhs(sim, 0.0, sim->y, sim->f0);
+    ts_outputs(sim, 0.0);
+    status = check_outputs(sim, "at the start");
+    if (!all_finite(sim->f0, 2 * m->nq)) {
+        say(sim, "the accelerations at the start are not finite numbers");
+        status = TS_NOT_FINITE;
+    }
+    if (status != TS_OK) sim->memory.started = 0;
+    return status;
+}
+
+/* Everything that a step changes, but the outputs. */
+static void backup(ts_sim *sim, ts_memory *memory)
+{
+    size_t S = (size_t)sim->m.count[TS_S];
+    *memory = sim->memory;
+    memcpy(sim->backup, sim->y, sizeof(double) * (size_t)sim->m.ny);
+    memcpy(sim->backup_ints, sim->piece, sizeof(int32_t) * S);
+    memcpy(sim->backup_ints + S, sim->clipped, sizeof(int32_t) * S);
+    if (memory->span.h > 0.0) memcpy(sim->ahead_backup, sim->ahead, sizeof(double) * sim->ahead_size);
 }
 
 static void undo(ts_sim *sim, const ts_memory *memory)
@@ -365,14 +414,45 @@ static void add_time(ts_memory *memory, double h)
     memory->time = sum;
 }
 
-/* The end of a call that succeeded. */
-static void settle(ts_sim *sim, double h, int sloped)
+/* The end of a call: time and outputs. */
+static int settle(ts_sim *sim, double h, int sloped)
 {
     add_time(&sim->memory, h);
     sim->memory.last_step = h;
     sim->memory.sloped = sloped;
     ts_rhs(sim, h, sim->y, sim->f0);
     ts_outputs(sim, h);
+    return check_outputs(sim, "at the end of the step");
+}
+
+/* The outputs at the end of the last step once more, from the state there. */
+static void recall_outputs(ts_sim *sim)
+{
+    ts_memory memory = sim->memory;
+    swap_applied(sim);
+    derive(sim);
+    ts_rhs(sim, memory.last_step, sim->y, sim->f0);
+    ts_outputs(sim, memory.last_step);
+    memcpy(sim->values, sim->backup, sizeof(double) * (size_t)sim->n_applied);
+    memcpy(sim->slopes, sim->backup + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->n_inputs);
+    sim->memory = memory; /* work is counted once */
+}
+
+/* A whole call within the step that the last one left open.  Only the state at its end and the time change. */
+static int step_within(ts_sim *sim, double h)
+{
+    const ts_memory memory = sim->memory;
+    sim->transition_count = 0;
+    sim->dense_ready = 1; /* since the step was opened */
+    ts_serve_span(sim, h);
+    int status = wound_up(sim), told = status == TS_OK;
+    if (told) status = settle(sim, h, 0);
+    if (status == TS_OK) return TS_OK;
+    sim->memory = memory;
+    ts_recall(sim);
+    sim->memory = memory;
+    if (told) recall_outputs(sim);
+    return status;
 }
 
 int ts_step(ts_sim *sim, double h)
@@ -387,16 +467,7 @@ int ts_step(ts_sim *sim, double h)
     int sloped = ts_sloped(sim);
     int changed = sloped || sim->memory.sloped || memcmp(sim->values, sim->applied, bytes) || inputs_move(sim) ||
                   sim->integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
-    if (!changed && ts_span_serves(sim, h)) {
-        sim->transition_count = 0;
-        sim->dense_ready = 1; /* since the step was opened */
-        if (sim->m.count[TS_A]) backup(sim, &memory);
-        ts_serve_span(sim, h);
-        status = wound_up(sim);
-        if (status == TS_OK) settle(sim, h, 0);
-        else undo(sim, &memory);
-        return status;
-    }
+    if (!changed && ts_span_serves(sim, h)) return step_within(sim, h);
     backup(sim, &memory);
     ts_prepare(sim);
     if (changed) status = check_change(sim, h);
@@ -407,13 +478,15 @@ int ts_step(ts_sim *sim, double h)
         status = ts_integrate(sim, h, !changed);
     }
     if (status == TS_OK) status = wound_up(sim);
+    int told = status == TS_OK;
+    if (told) status = settle(sim, h, sloped);
     if (status != TS_OK) {
         undo(sim, &memory);
+        if (told) recall_outputs(sim);
         return status;
     }
     memcpy(sim->applied, sim->values, bytes);
     memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
-    settle(sim, h, sloped);
     return TS_OK;
 }
 
@@ -458,10 +531,26 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
     state_header header = {STATE_MAGIC, sim->m.hash};
     if (size != ts_state_size(sim)) return TS_BAD_STATE;
     memcpy(bytes, &header, sizeof header);
-    copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT);
+    size_t parts = copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT), ahead = sizeof(double) * sim->ahead_size;
+    ts_memory memory = sim->memory;
+    ts_clear_scratch(sim, &memory, (char *)bytes + sizeof header + parts - ahead);
+    memcpy((char *)bytes + sizeof header, &memory, sizeof memory);
     uint64_t hash = ts_fnv(bytes, size - sizeof hash);
     memcpy((char *)bytes + size - sizeof hash, &hash, sizeof hash);
     return TS_OK;
+}
+
+/* Does a state with a right checksum keep within the arrays? */
+static int is_possible(const ts_sim *sim)
+{
+    const ts_memory *memory = &sim->memory;
+    const int S = sim->m.count[TS_S], method = sim->integers[sim->m.int_at[TS_INT_METHOD]];
+    int possible = memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
+    possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S;
+    possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
+    possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 : memory->span.h == 0.0);
+    for (int i = 0; i < S; i++) possible = possible && sim->piece[i] >= 0 && sim->piece[i] < sim->curve[i].pieces;
+    return possible;
 }
 
 int ts_restore(ts_sim *sim, const void *bytes, size_t size)
@@ -480,11 +569,17 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->transition_count = 0;
     if (!sim->memory.started) return TS_OK;
+    int32_t index;
     swap_applied(sim);
-    int status = build_curves(sim);
-    if (status == TS_OK) derive(sim);
+    int status = ts_check(sim, &index);
+    if (status == TS_OK) status = build_curves(sim);
+    int possible = status == TS_OK && is_possible(sim);
+    if (possible) derive(sim);
     swap_back(sim);
-    return status;
+    if (possible) return TS_OK;
+    ts_reset(sim);
+    say(sim, "the saved state is none that a simulation comes to; the simulation has been reset");
+    return TS_BAD_STATE;
 }
 
 int ts_output_derivatives(ts_sim *sim, double *out)
@@ -493,11 +588,15 @@ int ts_output_derivatives(ts_sim *sim, double *out)
         say(sim, "initialize first");
         return TS_BAD_STEP;
     }
+    ts_memory memory = sim->memory;
     swap_applied(sim);
     derive(sim);
     ts_tangent_outputs(sim, sim->memory.last_step, out);
     swap_back(sim);
-    return TS_OK;
+    sim->memory = memory; /* looking changes nothing, not even the count of right-hand sides */
+    if (all_finite(out, sim->m.n_real - sim->n_applied)) return TS_OK;
+    say(sim, "a derivative of an output is not a finite number");
+    return TS_NOT_FINITE;
 }
 
 size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->bytes; }

@@ -3,7 +3,7 @@
  * Every real variable (inputs, parameters, outputs) lives in one block of doubles in the order of fields.h, every integer
  * one in a block of int32.  The caller writes inputs and parameters into the blocks and reads outputs from them; a call
  * that fails leaves the simulation as it was and says why in ts_message(); only ts_initialize() with TS_NOT_FINITE leaves one that
- * has to be initialized again.  No globals, no allocation after ts_create(). */
+ * has to be initialized again, and ts_restore() of a forged state one that has been reset.  No globals, no allocation after ts_create(). */
 #ifndef TENSEGRITY_H
 #define TENSEGRITY_H
 
