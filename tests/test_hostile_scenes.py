@@ -69,6 +69,8 @@ CASES = {
     "a beam that is far too strong": (GOOD.replace("[6.0, 8.0]", '[6e12, 8.0]\nlaw = "hysteretic"'), "nsh.soft.Q[1]", "greater"),
     "30 beams with memory": (GOOD.replace("[6.0, 8.0]", f'{[6.0] * 30}\nlaw = "hysteretic"').replace("[3.0, 4.0]", f"{[4.0] * 30}")
                              .replace("[0.01, 0.02]", f"{[0.01] * 30}"), "nsh.soft.Q", "30 beams"),
+    "an element on a string of no material": (GOOD.replace('"cable" }', '"calbe", element = "e0" }', 1) + BEAM, "strings.s2.material",
+                                              "[materials]"),
     "bytes": (bytes(range(256)), "(file)", "not UTF-8"),
     "a null character": (GOOD + "\0", "line 31", "not TOML"),
     "nothing": ("", "nodes", "missing"),
