@@ -111,8 +111,10 @@ def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...],
 def variables_json(
     model: Model, table: tuple[Variable, ...], kernels: dict[str, Path], content: str, guid: str
 ) -> bytes:
-    """What the runtime must know of the variables and of the kernel's libraries (by sys.platform and machine).  content: hash of
-    the rest, so that identity stands for the FMU."""
+    """What the runtime must know of the variables, and of the kernel's libraries (by sys.platform and machine).
+
+    content: hash of the rest, so that identity stands for the FMU.
+    """
     table = by_reference(table)
     roles = {"input": "input", "output": "output"}
     data = {

@@ -40,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command.arguments(subparser)
         subparser.set_defaults(run=command.run)
     chosen = parser.parse_args(arguments)
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a description may have letters that the terminal's encoding lacks
     try:
         code = chosen.run(chosen)
         sys.stdout.flush()  # a reader that has gone shows here, not at the interpreter's exit

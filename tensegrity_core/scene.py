@@ -674,7 +674,6 @@ def _check_elements(scene: Scene) -> Iterator[SceneError]:
         if sum(size.values()) > 100 * MOST_PARTS:
             problem = f"makes more than {100 * MOST_PARTS} parts with the elements before it"
             yield scene.error(f"elements.{name}", problem, "Leave out elements that nothing uses.")
-    yield from _cost_errors(scene)
 
 
 def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str, int]) -> Iterator[SceneError]:
@@ -694,7 +693,7 @@ def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str
         yield scene.error(f"elements.{name}.parts", f"makes {size[name]} parts", f"Use at most {MOST_PARTS}.")
 
 
-def _cost_errors(scene: Scene) -> Iterator[SceneError]:
+def _check_costs(scene: Scene) -> Iterator[SceneError]:
     """Laws that would take too long to work out: each once, with memory once per stiffness."""
     total = 0.0
     for name, entry in scene.elements.items():
@@ -748,7 +747,7 @@ def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Ite
 
 
 CHECKS = (_check_names, _check_coordinates, _check_elements, _check_dampers, _check_references, _check_members,
-          _check_honeycombs, _check_loads)
+          _check_honeycombs, _check_loads, _check_costs)
 
 
 # --- the schema --------------------------------------------------------------------------------------------------

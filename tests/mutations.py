@@ -163,7 +163,7 @@ SOURCES = {
     "work of rest lengths": ("motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
     "moving rest length": ("motion.c", "rest[i] + (sim->rest_rate[i]", "rest[i] + (1.00001 * sim->rest_rate[i]", "six_bar"),
     "force of a beam": ("nsh.c", "* (x * (x - 3.0) + 2.0) + 2.0); }", "* (x * (x - 3.0) + 2.0) + 2.00002); }", "two_bar_nsh"),
-    "stop of a beam": ("nsh.c", "snapped ? 4.0 * b->Q", "snapped ? 4.00004 * b->Q", "three_bar_nsh"),
+    "stop of a beam": ("nsh.c", "xi += 2.0 * r->b[j].h", "xi += 2.00002 * r->b[j].h", "two_bar_nsh"),
     "work of drag": ("drives.c", "* dot(speed, speed, D);", "* 1.00001 * dot(speed, speed, D);", "laboratory"),
     "loss of a motor": ("drives.c", "p[0] += drive.loss * speed", "p[0] += 1.00001 * drive.loss * speed", "wound"),
     "bar of a moved node": ("outputs.c", "sum += sim->laden", "sum += 1.00001 * sim->laden", "laboratory"),

@@ -2,8 +2,8 @@
  *
  *   python_host LIBRARY GUID RESOURCES PUSHED READ WAY [LIBPYTHON]
  *
- * LIBRARY: the FMU's; GUID, RESOURCES: for fmi2Instantiate; PUSHED, READ: value references of a force and of an output.  Prints the
- * output after STEPS steps, as hexadecimal digits, for each run that the way has.
+ * LIBRARY: the FMU's; GUID, RESOURCES: for fmi2Instantiate; PUSHED, READ: value references of a force and of an output.
+ * Prints the output after STEPS steps, as hexadecimal digits, for each run that the way has.
  *
  *   freed      instantiate, run, free, unload the library
  *   kept       the same without fmi2FreeInstance, ended by exit()

@@ -1,6 +1,8 @@
 """Scenes that ask too much: too large, too deep, too far apart.  Each is refused in one line, or is answered soon."""
 
 import os
+import subprocess
+import sys
 from collections import Counter
 
 import fuzz_scenes
@@ -14,6 +16,7 @@ from tensegrity_core.errors import InputError, SceneError
 from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import build_model
 
+ROOT = fuzz_scenes.ROOT
 BEAM = '[elements.e0]\nkind = "beam"\nQ = 6.0\nzeta = 5.0\nh = 0.01\n'
 
 
@@ -66,6 +69,8 @@ CASES = {
     "a beam that is far too strong": (GOOD.replace("[6.0, 8.0]", '[6e12, 8.0]\nlaw = "hysteretic"'), "nsh.soft.Q[1]", "greater"),
     "30 beams with memory": (GOOD.replace("[6.0, 8.0]", f'{[6.0] * 30}\nlaw = "hysteretic"').replace("[3.0, 4.0]", f"{[4.0] * 30}")
                              .replace("[0.01, 0.02]", f"{[0.01] * 30}"), "nsh.soft.Q", "30 beams"),
+    "an element on a string of no material": (GOOD.replace('"cable" }', '"calbe", element = "e0" }', 1) + BEAM, "strings.s2.material",
+                                              "[materials]"),
     "bytes": (bytes(range(256)), "(file)", "not UTF-8"),
     "a null character": (GOOD + "\0", "line 31", "not TOML"),
     "nothing": ("", "nodes", "missing"),
@@ -88,6 +93,14 @@ def test_hostile_scene(case, tmp_path, capsys):
         build_model(load_scene(path))
     assert problem and problem in str(caught.value)
     assert key is None or caught.value.key.startswith(key)
+
+
+def test_a_description_that_the_terminal_cannot_show(tmp_path):
+    path = write(tmp_path, 'extends = "two_bar"\nname = "bridge"\ndescription = "\\u6a4b"\n')
+    command = [sys.executable, "-m", "tensegrity_core.cli", "check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONIOENCODING": "ascii"}, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("bridge: \\u6a4b\n")
 
 
 # --- extends -----------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The native FMU for other platforms: compiled by ziglang, run by wine and qemu where they are installed, and the same."""
+"""The FMUs for other platforms: compiled by ziglang, run by wine and qemu where they are installed, and the same."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from xml.etree import ElementTree as XML
 
 import numpy as np
 import pytest
+from native_calls import Calls
 from support import scene
 
 from fmu_src import build as build_fmu
 from fmu_src import libraries, native_fmu
 from fmu_src.interface import variables
-from fmu_src.libraries import cross_compiled, here, PackError
+from fmu_src.libraries import cross_compiled, here, KINDS, PackError
 from fmu_src.native_fmu import pack_native_fmu
+from fmu_src.pack import pack_python_fmu
 from fmu_src.model_description import LOG_CATEGORIES
 from fmu_src.scenarios import pushed_node
 from tensegrity_core.native import build
@@ -204,17 +206,20 @@ def test_each_library_is_one_of_its_platform_and_small(platform, fmu):
 
 
 @zig
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("platform", ["linux64", "aarch64-linux"])
-def test_linux_libraries_need_an_old_c_library_only(platform):
-    done = subprocess.run([program("objdump"), "-T", str(cross_compiled(platform))], capture_output=True, text=True, check=True)
+def test_linux_libraries_need_an_old_c_library_only(platform, kind):
+    library = str(cross_compiled(platform, kind=kind))
+    done = subprocess.run([program("objdump"), "-T", library], capture_output=True, text=True, check=True)
     found = {tuple(map(int, version.split("."))) for version in re.findall(r"GLIBC_([\d.]+)", done.stdout)}
     assert found and max(found) <= (2, 17)
 
 
 @zig
+@pytest.mark.parametrize("kind", ["native", "python"])
 @pytest.mark.parametrize("platform", build.TARGETS)
-def test_libraries_export_the_functions_of_fmi_and_nothing_else(platform):
-    library = cross_compiled(platform)
+def test_libraries_export_the_functions_of_fmi_and_nothing_else(platform, kind):
+    library = cross_compiled(platform, kind=kind)
     names = set(mach_exports(library.read_bytes())) - LINKER if "darwin" in platform else exported(library, platform)
     assert len(names) == FUNCTIONS
     assert all(name.startswith("fmi2") for name in names)
@@ -252,20 +257,38 @@ def mach_exports(content: bytes):
 
 
 @zig
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("platform", ["darwin64", "aarch64-darwin"])
-def test_darwin_libraries_load_on_old_systems_and_name_no_folder_of_this_one(platform):
+def test_darwin_libraries_load_on_old_systems_and_name_no_folder_of_this_one(platform, kind):
     """None of them can be run here: this looks at what macOS looks at when it loads one."""
-    commands = mach_commands(cross_compiled(platform).read_bytes())
-    assert commands[LC_ID_DYLIB][24:].rstrip(b"\0") == b"@rpath/tensegrity_fmu.dylib"
+    library = cross_compiled(platform, kind=kind)
+    commands = mach_commands(library.read_bytes())
+    assert commands[LC_ID_DYLIB][24:].rstrip(b"\0") == f"@rpath/{library.name}".encode()
     assert struct.unpack_from("<2I", commands[LC_BUILD_VERSION], 8) == (1, 11 << 16)  # macOS, from version 11 on
     assert (LC_CODE_SIGNATURE in commands) >= (platform == "aarch64-darwin")  # unsigned code is killed there
 
 
 @zig
+@pytest.mark.parametrize("kind", ["native", "python"])
 @pytest.mark.parametrize("platform", build.TARGETS)
-def test_compiling_again_gives_the_same_bytes(platform, tmp_path):
-    again = build.compile_fmu_library(tmp_path / cross_compiled(platform).name, platform)
-    assert again.read_bytes() == cross_compiled(platform).read_bytes()
+def test_compiling_again_gives_the_same_bytes(platform, kind, tmp_path):
+    first = cross_compiled(platform, kind=kind)
+    again = getattr(build, KINDS[kind].compiler)(tmp_path / first.name, platform)
+    assert again.read_bytes() == first.read_bytes()
+
+
+@zig
+def test_a_python_fmu_for_all_platforms(tmp_path):
+    """A library and a kernel for each; the one for this platform runs."""
+    fmu = pack_python_fmu(scene("two_bar"), tmp_path / "two_bar.fmu", platforms=tuple(build.TARGETS))
+    assert set(binaries(fmu)) == set(build.TARGETS)
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(tmp_path / "all")
+        kernels = {name.split("/")[3] for name in archive.namelist() if name.split("/")[2:3] == ["native"]}
+    assert kernels == set(build.TARGETS)
+    one = Calls(tmp_path / "all")
+    assert one.component and one.start() == 0 and one.step(0.0, 0.01) == 0
+    one.free()
 
 
 @zig

@@ -244,7 +244,7 @@ def test_a_call_gives_up_after_a_bounded_amount_of_work(name, method, h):
 def test_ten_thousand_seconds_are_one_call():
     model = scene("two_bar_nsh")
     run = simulate(model, held(model, np.array([0.0, 1e4]), force=lambda t: push(model)))
-    assert run.stats["steps"] > 1000 and np.isfinite(run.position).all()
+    assert run.stats["steps"] > 100 and np.isfinite(run.position).all()
 
 
 def test_simulate_divides_what_is_too_much_for_one_call(monkeypatch):

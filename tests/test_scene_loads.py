@@ -114,12 +114,14 @@ def changed(**tables) -> dict:
     return tomllib.loads(GOOD) | tables
 
 
-def test_a_point_mass_does_not_replace_a_bar():
+def test_a_free_node_on_no_bar_needs_a_point_mass():
     raw = changed()
     raw["nodes"]["lone"] = [1.0, 1.0, 1.0]
     raw["point_masses"]["lone"] = 1.0
-    with pytest.raises(SceneError, match=r"nodes\.lone .*neither fixed nor on a bar, so it cannot be simulated"):
-        parse_scene(raw)
+    assert parse_scene(raw).point_masses["lone"] == 1.0
+    for masses in ({}, {"lone": 0.0}):
+        with pytest.raises(SceneError, match=r"nodes\.lone .*neither fixed nor on a bar, so it has no mass"):
+            parse_scene(raw | {"point_masses": masses})
 
 
 @pytest.mark.parametrize("name", ["tip_drag", "west_position_x", "west_acceleration_x", "guy2_actuator_speed", "gravity_x"])

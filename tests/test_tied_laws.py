@@ -5,9 +5,13 @@ More of them: ``python tests/tied_laws.py 2000``.
 
 import numpy as np
 import pytest
+from test_kernel_laws import mast, walk
 from tied_laws import DISTANCES, check, tied
 
 from tensegrity_core import nsh
+from tensegrity_core.elements import Beam, Series, Spring, Table
+from tensegrity_core.hysteresis import follow, start
+from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import law
 from tensegrity_core.model import NSH
 
@@ -39,3 +43,29 @@ def test_a_near_tie_is_a_tie(kind):
         assert np.flatnonzero(moved > 1e-6).tolist() == [0]
         np.testing.assert_allclose(nsh.force(near, x, K), expected, rtol=0.0, atol=1e-12)
         np.testing.assert_allclose([law(near.element).force(v, K) for v in x], expected, rtol=0.0, atol=1e-12)
+
+
+#: Beside a beam: what comes to the same force 14.11 N as it does, at a maximum of another shape or where it goes on rising.
+BLUNT = Beam(4.248520001508309, 6.17588797237592, 0.026223207239620048)
+SHARP = Beam(4.992759597286283, 4.809578772682942, 0.01845639133093147)    # f_max as that of BLUNT, to an ulp
+KINK = Table((0.0, 0.01, 0.03), (0.0, 14.112163790171294, 30.0))
+
+
+@pytest.mark.parametrize("parts, k", [
+    ((BLUNT, SHARP), 12000.0),
+    ((SHARP, BLUNT), 12000.0),
+    ((SHARP, BLUNT), 900.0),
+    ((Series((BLUNT, Spring(700.0))), SHARP), 12000.0),    # after its snap it bears the force at which the other falls
+    ((KINK, SHARP), 12000.0),
+    ((BLUNT, KINK), 3000.0),
+])
+def test_with_memory_the_kernel_follows_ties_as_the_exact_law(parts, k):
+    element = Series(parts, "hysteretic")
+    turns = np.array([0.0, 0.2, -0.02, 0.09, 0.03, 0.2])
+    sweep = np.concatenate([np.linspace(a, b, 40) for a, b in zip(turns, turns[1:])])
+    force, _, loss, _ = walk(Kernel(mast(k, element=element)), sweep)
+    branch = start(element, k)
+    for x, found, lost in zip(sweep.tolist(), force, loss):
+        branch, events = follow(branch, x)
+        assert found == pytest.approx(branch.force(x), abs=1e-7)
+        assert lost == pytest.approx(sum(event.loss for event in events), abs=1e-9)

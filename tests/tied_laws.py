@@ -184,6 +184,8 @@ def check(honeycomb: NSH, parts=(0.31, 0.998)) -> int:
         for point in points:
             force, stiffness = law(point.xi)
             allowed = 2e-12 * size + abs(stiffness) * height * (2e-15 + 4e-15 / math.sqrt(max(gap, TIE)))
+            if name.startswith("kernel"):    # leaves out rises that are narrower than this part of the elongation
+                allowed += 1e-12 * abs(stiffness) * point.xi
             assert abs(force - point.force) <= allowed, (name, point, force, stiffness, gap, honeycomb)
     return len(points)
 

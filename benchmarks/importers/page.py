@@ -15,8 +15,8 @@ communication point, from the reference (`tensegrity_core/reference.py`) under t
 Beside it stands the deviation from the kernel called without FMI: what the tool and the runtime add. Checkers compute no
 trajectory.
 
-The native FMU *with simple types* is what `build_fmu.py --simple-types` packs: `solver.method` is an Integer, and the Integer
-outputs (`s1.snapped`) are left out. It is run where the native FMU was refused.
+The FMUs *with simple types* are what `build_fmu.py --simple-types` packs: `solver.method` is an Integer, and the Integer
+outputs (`s1.snapped`) are left out. They are run where the others were refused.
 
 | tool | version | runtime | outcome | from reference, m | from kernel, m | remark |
 |---|---|---|---|---|---|---|
@@ -37,7 +37,7 @@ fmpy's `simulate_fmu` stops early at large start times ([fmu.md](fmu.md#rules)).
 A native FMU carries `terminalsAndIcons/terminalsAndIcons.xml` (FMI 3.0's format), with the variables of each node and each
 string together. None of these tools minds it.
 
-The Python FMU cannot run in Maestro, with simple types or without: a Java process holds no libpython.
+Where the tool is no Python, as Maestro, the Python FMU finds one by itself (here by `TENSEGRITY_PYTHON`).
 
 How the inputs reach the FMU:
 

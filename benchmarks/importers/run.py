@@ -59,7 +59,8 @@ def one(tool: Tool, fmu: Path, source: Path, expected: Expected) -> dict:
 
 def outcome(command: list[str], folder: Path, libraries: Path | None, expected: Expected) -> dict:
     """Run a driver and judge what it wrote; libraries: a folder for the loader."""
-    surroundings = {**os.environ, "LD_LIBRARY_PATH": str(libraries)} if libraries else dict(os.environ)
+    surroundings = {**os.environ, "TENSEGRITY_PYTHON": sys.executable}  # for hosts without Python
+    surroundings |= {"LD_LIBRARY_PATH": str(libraries)} if libraries else {}
     try:
         done = subprocess.run(command, cwd=folder, env=surroundings, capture_output=True, text=True, timeout=LIMIT)
     except subprocess.TimeoutExpired:
@@ -94,14 +95,14 @@ def measure(chosen: list[Tool]) -> list[dict]:
     fmus = {name: pack(model, folders[name] / f"{model.name}.fmu") for name, pack in scenario.PACK.items()}
     expected, rows = Expected(model, scenario.expected(model), scenario.plain_kernel(model)), []
     for tool in chosen:
-        refused = False
+        refused = set()
         for runtime, fmu in fmus.items():
-            if runtime == scenario.SIMPLE and not refused:
+            if runtime in map(scenario.SIMPLE, scenario.PACK) and runtime not in map(scenario.SIMPLE, refused):
                 continue
             row = {"tool": tool.name, "runtime": runtime, "inputs": tool.inputs, "limit": tool.limit}
             row |= one(tool, fmu, source, expected)
             rows.append(row)
-            refused = row["outcome"] == "refused"
+            refused |= {runtime} if row["outcome"] == "refused" else set()
             print(f"{row['tool']:<42}{runtime:<23}{row['outcome']:<14}{row.get('deviation', '')} {row['why']}", flush=True)
     return rows
 

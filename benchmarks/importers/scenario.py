@@ -27,9 +27,14 @@ SCENE = "three_bar_nsh"
 DURATION, STEP, WAVE, PERIOD = 2.0, 0.01, 200.0, 1.0
 #: How far positions may be off the reference, m.
 POSITION_BOUND = 1e-7
-SIMPLE = "native, simple types"
-#: What packs an FMU; SIMPLE is for tools that refuse the native one.
-PACK = {"native": pack_native_fmu, SIMPLE: partial(pack_native_fmu, simple=True), "python": pack_python_fmu}
+SIMPLE = "{}, simple types".format
+#: What packs an FMU; those with simple types are for tools that refuse the others.
+PACK = {
+    "native": pack_native_fmu,
+    SIMPLE("native"): partial(pack_native_fmu, simple=True),
+    "python": pack_python_fmu,
+    SIMPLE("python"): partial(pack_python_fmu, simple=True),
+}
 SOURCE = "square_wave"
 #: What the page says of it.
 SHOWN = {"scene": SCENE, "duration": DURATION, "step": STEP, "lift": LIFT, "wave": WAVE, "period": PERIOD}

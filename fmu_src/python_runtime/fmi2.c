@@ -596,7 +596,8 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, f
 FMI2_Export fmi2Status fmi2CancelStep(fmi2Component c) { return simply(c, HOOK_cancel_step, __func__); }
 
 /* What the slave answers to a question after its step: a new reference; NULL where it refuses, with the status. */
-static PyObject *answer(const instance *fmu, int hook, fmi2StatusKind kind, const void *value, const char *what, fmi2Status *status)
+static PyObject *answer(const instance *fmu, int hook, fmi2StatusKind kind, const void *value, const char *what,
+                        fmi2Status *status)
 {
     const python *py = &fmu->py;
     PyObject *found = invoke(fmu, hook, py->PyLong_FromLong((long)kind), NULL, NULL);

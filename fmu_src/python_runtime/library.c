@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define LIMIT 20000 /* ms, for which another start of Python is waited for */
+
 #if defined(_WIN32)
 
 #include <windows.h>
@@ -44,7 +46,7 @@ void *library_lock(library_function inside)
     (void)inside;
     swprintf(name, 64, L"Local\\tensegrity-python-%lu", (unsigned long)GetCurrentProcessId());
     HANDLE mutex = CreateMutexW(NULL, FALSE, name);
-    if (mutex) WaitForSingleObject(mutex, INFINITE);
+    if (mutex) WaitForSingleObject(mutex, LIMIT);
     return mutex;
 }
 
@@ -61,6 +63,7 @@ void library_unlock(void *lock)
 #include <errno.h>
 #include <fcntl.h>
 #include <sys/file.h>
+#include <time.h>
 #include <unistd.h>
 
 #if defined(__APPLE__)
@@ -130,7 +133,7 @@ void *library_open(const char *path, report *why)
 }
 
 /* Several FMUs may have a copy each of this code, so that a lock of its own would not do: they share the file of Python's
- * library, which can be locked. */
+ * library, which can be locked.  So can other processes; one that has been stopped there must not stop this one for ever. */
 void *library_lock(library_function inside)
 {
     Dl_info info;
@@ -138,7 +141,11 @@ void *library_lock(library_function inside)
     int *lock = malloc(sizeof *lock);
     if (!lock) return NULL;
     *lock = dladdr(address, &info) && info.dli_fname ? open(info.dli_fname, O_RDONLY | O_CLOEXEC) : -1;
-    while (*lock >= 0 && flock(*lock, LOCK_EX) && errno == EINTR) continue;
+    struct timespec pause = {0, 2000000}; /* 2 ms */
+    for (int tries = 0; *lock >= 0 && tries < LIMIT / 2; tries++) {
+        if (!flock(*lock, LOCK_EX | LOCK_NB) || (errno != EWOULDBLOCK && errno != EINTR)) break;
+        nanosleep(&pause, NULL);
+    }
     return lock;
 }
 

@@ -51,7 +51,8 @@ static int version_of(const python *py, report *why)
     int major = 0, minor = 0;
     if (sscanf(py->Py_GetVersion(), "%d.%d", &major, &minor) == 2 && major == 3 && minor >= OLDEST) return minor;
     const char *remedy = "run the FMU in a process with a newer one, or in one without Python, which then looks for one";
-    report_add(why, "the Python in this process is %.16s, but 3.%d or newer is needed; %s", py->Py_GetVersion(), OLDEST, remedy);
+    const char *form = "the Python in this process is %.16s, but 3.%d or newer is needed; %s";
+    report_add(why, form, py->Py_GetVersion(), OLDEST, remedy);
     return 0;
 }
 
@@ -134,7 +135,7 @@ int python_attach(python *py, report *why)
     if (library && (!resolve(py, library, why) || !(minor = version_of(py, why)))) return 0;
     if (!library || !py->Py_IsInitialized()) {
         if (!search_interpreter(&found, minor, why)) {
-            const char *remedy = "name an interpreter (3.%d or newer, with NumPy) in the environment variable TENSEGRITY_PYTHON";
+            const char *remedy = "name one, 3.%d or newer and with NumPy, in the environment variable TENSEGRITY_PYTHON";
             report_add(why, remedy, OLDEST);
             return 0;
         }

@@ -217,8 +217,8 @@ class TensegritySlave(Fmi2Slave):
         return True
 
     def _slack_at_stop(self, h):
-        """What the last step may have, s: a host that adds up its time has rounded it at each step, which is much at large times;
-        but less than half a step, or it is a step too many."""
+        """Round-off that the last step may have, s: a host that adds up its time has rounded it at each step, which is much at
+        large times; but less than half a step, or it is a step too many."""
         state = self._state
         if state.stop == math.inf:
             return 0.0

@@ -1,96 +1,263 @@
-/* `auto`: the explicit method until its steps span a good part of the fastest decay; then an implicit one for as long as its
- * steps are worth their cost.  After a transition that makes a damper's force jump the explicit method goes first: it is the
- * cheaper one through the transient, and finds out in a few steps whether the rest is stiff. */
+/* `auto` chooses by what simulated time costs: the work of a step over its length, as each of its methods was last seen to
+ * do it in this run. Methods that are not in use are tried again, at intervals that grow while they lose.
+ *
+ * While the explicit method is in use, an implicit one is tried when an interval of work is over, or after some steps that
+ * stability limits. A phase of implicit steps ends when they are not worth their cost, when the explicit method proves
+ * better in a trial of its own, or at a transition that makes a damper's force jump: through the transient explicit steps
+ * are cheaper. What the phase did for its work, against what explicit steps would have done, decides how soon the next one
+ * may begin. */
 #include "internal.h"
 
 #include <math.h>
 
 #define REACH 6.0       /* h times the fastest rate that dop853 bears */
 #define BOLD 4.0        /* first implicit step over the last explicit one */
-#define CALM_SIGNS 2    /* implicit steps not worth their cost after which the explicit method returns */
-#define MAX_PATIENCE 96 /* signs of stiffness that it takes after excursions that were not worth it */
-#define TIGHT 2e-6      /* tolerance from which on the order of radau9 pays */
-#define FINE 4.0        /* explicit steps in a communication step that is a short one */
+#define TRIAL 4         /* steps that are a trial */
+#define LENIENT 2.0     /* times the other's cost that a method may take meanwhile: its steps grow */
+#define LOSSES 2        /* implicit steps in a row not worth their cost that end a phase */
+#define STEADY 1.5      /* steps that grow by more are not compared yet */
+#define CALM 0.3        /* h lambda below which stability is far away; implicit methods then hardly ever win */
+#define CALMER 8.0      /* factor of their intervals there */
+#define HOPE 3.0        /* explicit steps may be so much longer than when last seen */
+#define MOST_PATIENCE 96
+#define FADE 0.2        /* weight of the last step in means */
+#define TIGHT 1e-8      /* tolerance from which on radau9 is the first to be tried */
+#define FINE 16.0       /* explicit steps in a communication step that is a short one */
 
-/* How many explicit steps an implicit one costs: measured on scenes of two to six bars and on towers, and fitted to the
+/* Intervals between trials, in steps of the method to try: the first, after a phase that paid or none; between methods of
+ * which both do well; the longest, so that trials take a few hundredths of the work; growth of an interval when the trial
+ * was lost. */
+#define SOON 6.0
+#define LATER 15.0
+#define RAREST 50.0
+#define RARER 2.0
+
+enum { EXPLICIT, ROSENBROCK, RADAU };                    /* places of the methods */
+enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT };    /* trials */
+static const int32_t method_of[TS_CHOICES] = {TS_METHOD_DOP853, TS_METHOD_RODAS5P, TS_METHOD_RADAU9};
+
+static int place_of(int32_t method)
+{
+    return method == TS_METHOD_DOP853 ? EXPLICIT : method == TS_METHOD_RODAS5P ? ROSENBROCK : RADAU;
+}
+
+static int other_implicit(int place) { return ROSENBROCK + RADAU - place; }
+
+/* How many explicit steps an attempt of usual effort costs: measured on scenes of two to thirty bars, and fitted to the
  * blocks of the factor (its solves) over the strings (the right-hand side). */
-static double cost_of(const ts_sim *sim, int method)
+static double cost_of(const ts_sim *sim, int place)
 {
     int D = sim->m.count[TS_D], S = sim->m.count[TS_S];
-    double of_radau9 = 1.8 + 0.16 * D * D * sim->pattern.entries / (S > 0 ? S : 1);
-    return method == TS_METHOD_RADAU9 ? of_radau9 : 1.2 + 0.2 * of_radau9;
+    double blocks = (double)(D * D) * sim->pattern.entries / (S > 0 ? S : 1);
+    return place == EXPLICIT ? 1.0 : place == RADAU ? 1.6 + 0.155 * blocks : 1.2 + 0.045 * blocks;
 }
 
-/* Steps of length h in what the present call allows: a whole number where it ends at its communication point, else per second. */
-static double steps(const ts_sim *sim, double h) { return sim->longest < INFINITY ? ceil(sim->longest / h) : 1.0 / h; }
-
-/* Are implicit steps of length h worth their cost, against explicit ones of the other length? */
-static int worth(const ts_sim *sim, int method, double h, double explicit_step)
+/* The longest step that a method may take in the present call, s: those of rodas5p end at communication points. */
+static double longest(const ts_sim *sim, int place)
 {
-    return steps(sim, h) * cost_of(sim, method) <= steps(sim, explicit_step);
+    return place == ROSENBROCK || !sim->may_run_ahead ? fmin(sim->most, sim->call) : sim->most;
 }
 
-static void return_to_explicit(ts_memory *memory, double h)
+/* Work per simulated second with steps of length h, failed attempts included; where a call ends at its communication
+ * point, whole steps count. */
+static double price(const ts_sim *sim, int place, double h)
 {
-    memory->active = TS_METHOD_DOP853;
-    memory->h_next = fmin(memory->h_next, h);
-    memory->stiff = 0;
+    double most = longest(sim, place), work = cost_of(sim, place) * sim->memory.choice.effort[place];
+    return work * (most < INFINITY ? ceil(most / h * (1.0 - 1e-9)) / most : 1.0 / h);
 }
 
-/* The order of radau9 pays at tight tolerances; and its steps pass communication points, which those of rodas5p do not: that is
- * worth more where these points are not far apart against an explicit step h. */
+static double known_price(const ts_sim *sim, int place) { return price(sim, place, sim->memory.choice.natural[place]); }
+static double best_price(const ts_sim *sim, int place) { return price(sim, place, longest(sim, place)); }
+
+static void use(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    sim->memory.active = method_of[place];
+    sim->memory.h_next = h;
+    sim->memory.stiff = 0;
+    if (place != EXPLICIT) c->effort[place] = 1.0; /* what it was belongs to another time */
+    c->losing = c->steps = 0;
+    c->trial_time = c->trial_work = c->failed = 0.0;
+}
+
+static void plan_trial(ts_choice *c, int trial, double interval)
+{
+    c->interval[trial] = fmin(interval, RAREST);
+    c->since[trial] = c->work;
+}
+
+/* Is it time for a trial of a method of this cost? */
+static int due(const ts_choice *c, int trial, double cost) { return c->work - c->since[trial] >= c->interval[trial] * cost; }
+
+/* At the start of a run. */
+void ts_start_choice(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    sim->memory.patience = TS_PATIENCE;
+    c->incumbent = -1;
+    for (int place = 0; place < TS_CHOICES; place++) c->effort[place] = 1.0;
+    plan_trial(c, OF_IMPLICIT, SOON);
+    plan_trial(c, OF_OTHER_IMPLICIT, LATER);
+    plan_trial(c, OF_EXPLICIT, LATER);
+}
+
+/* Of a restored state: are the methods that it names there? */
+int ts_choice_is_possible(const ts_sim *sim)
+{
+    const ts_choice *c = &sim->memory.choice;
+    return c->incumbent >= -1 && c->incumbent < TS_CHOICES && c->preferred >= 0 && c->preferred < TS_CHOICES;
+}
+
+/* Could steps of a method be cheaper than explicit ones of length h at all? */
+static int promising(const ts_sim *sim, int place, double h) { return best_price(sim, place) < price(sim, EXPLICIT, h); }
+
+/* Which implicit method: the one that did well last, or the one that did not fail last; before that, radau9 where its
+ * order pays, or where communication points, which its steps pass, are not far apart against an explicit step h. */
 static int choose_implicit(const ts_sim *sim, double h)
 {
-    int fine = sim->may_run_ahead && sim->call < FINE * h;
-    return fine || sim->values[sim->m.at[TS_TOLERANCE]] <= TIGHT ? TS_METHOD_RADAU9 : TS_METHOD_RODAS5P;
+    int fine = sim->may_run_ahead && sim->call < FINE * h, place = sim->memory.choice.preferred;
+    if (!place) place = fine || sim->values[sim->m.at[TS_TOLERANCE]] < TIGHT ? RADAU : ROSENBROCK;
+    return promising(sim, place, h) ? place : other_implicit(place);
 }
 
-/* A step was taken without a transition. */
-void ts_review_method(ts_sim *sim, double h)
+/* The explicit method took a step of length h. */
+static void review_explicit(ts_sim *sim, double h)
 {
-    ts_memory *memory = &sim->memory;
-    if (memory->method != TS_METHOD_AUTO) return;
-    if (memory->active == TS_METHOD_DOP853) {
-        int implicit = choose_implicit(sim, h);
-        if (memory->stiff < memory->patience) return;
-        if (!worth(sim, implicit, sim->longest, h)) return;
-        memory->active = implicit;
-        memory->h_explicit = h;
-        memory->h_next = fmax(memory->h_next, BOLD * h);
-        memory->stiff = memory->worthwhile = 0;
-        return;
-    }
-    memory->worthwhile |= worth(sim, memory->active, h, memory->h_explicit);
-    memory->stiff = worth(sim, memory->active, memory->h_next, memory->h_explicit) ? 0 : memory->stiff + 1;
-    if (memory->stiff < CALM_SIGNS) return;
-    int longer = 4 * memory->patience < MAX_PATIENCE ? 4 * memory->patience : MAX_PATIENCE;
-    memory->patience = memory->worthwhile ? TS_PATIENCE : longer;
-    return_to_explicit(memory, memory->h_explicit);
+    ts_choice *c = &sim->memory.choice;
+    int place = choose_implicit(sim, h);
+    double cost = cost_of(sim, place) * (c->h_lambda < CALM ? CALMER : 1.0);
+    int steady = sim->memory.h_next <= STEADY * h;
+    if (sim->memory.stiff < sim->memory.patience && !(steady && due(c, OF_IMPLICIT, cost))) return;
+    if (!promising(sim, place, h)) return;
+    c->phase_time = c->phase_work = 0.0;
+    c->phase_steps = 0;
+    use(sim, place, BOLD * h);
 }
 
-/* Several attempts in a row failed: a transient, which small explicit steps resolve at less cost. */
+/* The explicit method goes on with a step of length h; `place` was the implicit method in use. */
+static void end_phase(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int paid = c->phase_work <= c->phase_time * known_price(sim, EXPLICIT), more = 3 * sim->memory.patience;
+    c->preferred = paid ? place : other_implicit(place);
+    c->incumbent = -1;
+    sim->memory.patience = paid ? TS_PATIENCE : more < MOST_PATIENCE ? more : MOST_PATIENCE;
+    plan_trial(c, OF_IMPLICIT, paid ? SOON : RARER * c->interval[OF_IMPLICIT]);
+    use(sim, EXPLICIT, h);
+}
+
+/* A trial between methods within a phase ends. */
+static void end_trial(ts_sim *sim, int trial, int lost)
+{
+    ts_choice *c = &sim->memory.choice;
+    int back = c->incumbent;
+    plan_trial(c, trial, RARER * c->interval[trial]);
+    c->incumbent = -1;
+    if (lost) use(sim, back, c->natural[back]);
+}
+
+/* The explicit method is on trial within a phase. */
+static void judge_explicit(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    if (c->steps < TRIAL) return;
+    if (known_price(sim, EXPLICIT) < known_price(sim, c->incumbent)) end_phase(sim, c->incumbent, sim->memory.h_next);
+    else end_trial(sim, OF_EXPLICIT, 1);
+}
+
+/* An implicit method took a step of length h. */
+static void review_implicit(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int other = other_implicit(place), young = c->phase_steps < TRIAL;
+    double here = known_price(sim, place), explicit_price = known_price(sim, EXPLICIT);
+    double next = fmin(sim->memory.h_next, longest(sim, place));
+    c->losing = here > explicit_price * (young ? LENIENT : 1.0) ? c->losing + 1 : 0;
+    if (c->losing >= LOSSES) {
+        end_phase(sim, place, fmin(sim->memory.h_next, c->natural[EXPLICIT]));
+    } else if (c->incumbent >= 0) {
+        double rival = known_price(sim, c->incumbent);
+        if (c->steps < TRIAL && here <= LENIENT * rival) return;
+        end_trial(sim, OF_OTHER_IMPLICIT, c->trial_work > c->trial_time * rival);
+    } else if (young || next > STEADY * h) {
+        return;
+    } else if (due(c, OF_OTHER_IMPLICIT, cost_of(sim, other)) && best_price(sim, other) < here) {
+        c->incumbent = place;
+        use(sim, other, next);
+    } else if (due(c, OF_EXPLICIT, cost_of(sim, place)) && price(sim, EXPLICIT, HOPE * c->natural[EXPLICIT]) < here) {
+        c->incumbent = place;
+        use(sim, EXPLICIT, c->natural[EXPLICIT]);
+    }
+}
+
+/* An attempt was made, and advanced by h; 0: it failed. */
+static void count(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    double work = cost_of(sim, place) * sim->memory.choice.taken;
+    c->work += work;
+    c->phase_work += work;
+    c->trial_work += work;
+    c->phase_time += h;
+    c->trial_time += h;
+    c->failed = h > 0.0 ? 0.0 : c->failed + sim->memory.choice.taken;
+}
+
+/* A step of length h was taken without a transition. */
+void ts_review_step(ts_sim *sim, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int place = place_of(sim->memory.active);
+    if (sim->memory.method != TS_METHOD_AUTO) return;
+    c->effort[place] += FADE * (sim->memory.choice.taken + c->failed - c->effort[place]);
+    c->natural[place] = place == EXPLICIT ? h : sim->memory.h_next;
+    c->steps++;
+    c->phase_steps++;
+    count(sim, place, h);
+    if (place != EXPLICIT) review_implicit(sim, place, h);
+    else if (c->incumbent >= 0) judge_explicit(sim);
+    else review_explicit(sim, h);
+}
+
+/* An attempt failed; the next one is to be h_next long. */
 void ts_review_rejection(ts_sim *sim)
 {
-    ts_memory *memory = &sim->memory;
-    if (memory->method != TS_METHOD_AUTO || memory->active == TS_METHOD_DOP853 || sim->memory.rejected < 2) return;
-    return_to_explicit(memory, memory->h_explicit);
+    ts_choice *c = &sim->memory.choice;
+    int place = place_of(sim->memory.active);
+    double h = sim->memory.h_next;
+    if (sim->memory.method != TS_METHOD_AUTO) return;
+    count(sim, place, 0.0);
+    if (place == EXPLICIT) return;
+    if (c->incumbent >= 0) {
+        if (price(sim, place, h) > LENIENT * known_price(sim, c->incumbent)) end_trial(sim, OF_OTHER_IMPLICIT, 1);
+    } else if (price(sim, place, h) > known_price(sim, EXPLICIT)) {
+        end_phase(sim, place, fmin(h, c->natural[EXPLICIT]));
+    }
 }
 
-/* A transition was carried out; f0 is the derivative after it. */
-void ts_review_restart(ts_sim *sim, double tau)
+/* An explicit step for the transient after a jump of forces: half of what stability allows at the rate of the derivative's own
+ * change. */
+static double transient_step(ts_sim *sim, double tau)
 {
-    ts_memory *memory = &sim->memory;
     int ny = sim->m.ny;
-    if (memory->method != TS_METHOD_AUTO || memory->active == TS_METHOD_DOP853 || !sim->force_jumps) return;
-    double tolerance = sim->values[sim->m.at[TS_TOLERANCE]];
+    double tolerance = sim->values[sim->m.at[TS_TOLERANCE]], next = sim->memory.h_next;
     double speed = ts_error_norm(sim, sim->f0, sim->y, sim->y) * tolerance, h = 1e-4 / speed;
-    if (!(h > 0.0 && h < memory->h_next)) {
-        return_to_explicit(memory, memory->h_next);
-        return;
-    }
+    if (!(h > 0.0 && h < next)) return next;
     for (int i = 0; i < ny; i++) sim->y1[i] = sim->y[i] + h * sim->f0[i];
     ts_rhs(sim, tau + h, sim->y1, sim->f1);
     for (int i = 0; i < ny; i++) sim->err[i] = sim->f1[i] - sim->f0[i];
-    double rate = ts_error_norm(sim, sim->err, sim->y, sim->y) * tolerance / (h * speed); /* of the transient */
-    return_to_explicit(memory, 0.5 * REACH / rate);
+    double rate = ts_error_norm(sim, sim->err, sim->y, sim->y) * tolerance / (h * speed);
+    return fmin(next, 0.5 * REACH / rate);
+}
+
+/* A transition was carried out after a length h of the step; f0 is the derivative after it. */
+void ts_review_restart(ts_sim *sim, double tau, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int place = place_of(sim->memory.active);
+    if (sim->memory.method != TS_METHOD_AUTO) return;
+    count(sim, place, h);
+    if (!sim->force_jumps) return;
+    if (place != EXPLICIT) end_phase(sim, place, transient_step(sim, tau));
+    else if (c->incumbent >= 0) end_phase(sim, c->incumbent, sim->memory.h_next);
 }

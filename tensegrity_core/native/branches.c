@@ -11,8 +11,7 @@
 #include <string.h>
 
 #define SCAN 96     /* samples of dx/du on a falling stretch */
-#define SAME 1e-12  /* forces that are equal, of the largest */
-#define NARROW 1e-8 /* branches that are none, of the length */
+#define NARROW 1e-10 /* branches that are none, of the length: less than TS_ENDED, so that beyond such a one is the next */
 
 ts_rise ts_branch_rise(ts_graph *g, const ts_branch *b)
 {
@@ -36,6 +35,16 @@ double ts_parts_energy(const ts_graph *g, double x, const double *u)
     return sum;
 }
 
+/* Where a part stands on a stretch at an end of a branch under T: at the stretch's own end where the forces tie, since near an
+ * extremum T tells only half the digits. */
+static double at_end(const ts_law *part, int stretch, double T, double guess)
+{
+    const ts_stretch *s = part->s + stretch;
+    for (int end = 0; end < 2; end++)
+        if (s->force[end] < INFINITY && fabs(T - s->force[end]) <= TS_TIE * fabs(T)) return end ? s->p.hi : s->p.lo;
+    return ts_law_inverse(part, stretch, T, guess);
+}
+
 /* Elongation where the parts of a state bear T, theirs in g->on_rise; u: the leader's where it is level. */
 static double bearing(ts_graph *g, const ts_state *s, double T, double u)
 {
@@ -43,7 +52,7 @@ static double bearing(ts_graph *g, const ts_state *s, double T, double u)
         const ts_law *part = g->part + j;
         if (s->at[j] >= part->n) g->on_rise[j] = ts_law_stop(part);
         else if (part->s[s->at[j]].way == 0) g->on_rise[j] = u;
-        else g->on_rise[j] = ts_law_inverse(part, s->at[j], T, g->on_rise[j]);
+        else g->on_rise[j] = at_end(part, s->at[j], T, g->on_rise[j]);
     }
     return T / g->k + ts_parts_total(g, g->on_rise);
 }
@@ -231,7 +240,7 @@ static void explore_rising(ts_graph *g, int32_t index)
     b.cause[0] = least == 0.0 ? TS_ZERO : TS_BOUND;
     b.cause[1] = most < INFINITY ? TS_BOUND : TS_ENDLESS;
     if (!(most < INFINITY)) b.kind = s->leader < 0 ? TS_STRAIGHT : TS_OPEN; /* straight: all are at their stops */
-    if (most - least <= SAME * g->size) return;
+    if (!(most > least * (1.0 + TS_TIE))) return;
     for (int j = 0; j < g->n; j++)
         if (s->at[j] < g->part[j].n && g->part[j].s[s->at[j]].force[1] == most) {
             s->leader = j;

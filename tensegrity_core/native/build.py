@@ -131,7 +131,8 @@ def _compile_for(platform: str | None, target: Path, sources: list[Path], option
     """platform: a key of TARGETS, then zig compiles for it, or None for this platform."""
     command, windows, darwin = system_compiler() or zig(), sys.platform == "win32", sys.platform == "darwin"
     if platform is not None:
-        command, windows, darwin = [*zig(), "-target", TARGETS[platform].triple], platform.startswith("win"), "darwin" in platform
+        command = [*zig(), "-target", TARGETS[platform].triple]
+        windows, darwin = platform.startswith("win"), "darwin" in platform
     if platform and darwin:  # else the folder of this compilation is written into the library
         options = [*options, f"-Wl,-install_name,@rpath/{target.name}"]
     return _compile(target, command, sources, ["-s", *options], windows)

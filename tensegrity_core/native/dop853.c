@@ -63,8 +63,9 @@ static void watch_stiffness(ts_sim *sim, double h)
         force += f * f;
         state += y * y;
     }
-    int stiff = state > 0.0 && h * h * force > STIFF * STIFF * state;
-    if (stiff) sim->memory.stiff += sim->memory.stiff < 1000;
+    double h_lambda = state > 0.0 ? h * sqrt(force / state) : 0.0;
+    sim->memory.choice.h_lambda = h_lambda;
+    if (h_lambda > STIFF) sim->memory.stiff += sim->memory.stiff < 1000;
     else if (sim->memory.stiff > 0 && !sim->memory.rejected) sim->memory.stiff--;
 }
 

@@ -11,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SAME 1e-12 /* forces that are equal, of the largest */
 #define PUSH 1e-3  /* first displacement from an unstable point, of a stretch */
 #define DRIVE 1e-8 /* what must drive it on from there, of the largest force */
 
@@ -175,14 +174,32 @@ static int32_t moved(const ts_graph *g, const ts_state *s, int j, double T, int 
 {
     const ts_law *part = g->part + j;
     int on = s->at[j], falling = s->leader >= 0 && falls(g, s->at, s->leader), up = falling ? -way : way;
-    double same = SAME * g->size;
+    double near = TS_ENDED * g->length, slope;
     if (falling && j == s->leader) { /* it goes with the elongation */
         double end = way > 0 ? part->s[on].p.hi : part->s[on].p.lo;
-        return fabs(g->u[j] - end) <= 1e-14 * fabs(end) ? on + way : on;
+        return fabs(g->u[j] - end) <= near ? on + way : on;
     }
-    if (on >= part->n) return up < 0 && T <= part->s[part->n - 1].force[1] + same ? part->n - 1 : on;
-    if (up > 0) return T >= part->s[on].force[1] - same ? on + 1 : on;
-    return on > 0 && T <= part->s[on].force[0] + same ? on - 1 : on;
+    if (on >= part->n) {
+        double stop = ts_law_force(part, part->n - 1, ts_law_stop(part), &slope);
+        return up < 0 && T <= stop * (1.0 + TS_TIE) + slope * near ? part->n - 1 : on;
+    }
+    if (up > 0) return T >= part->s[on].force[1] * (1.0 - TS_TIE) || g->u[j] >= part->s[on].p.hi - near ? on + 1 : on;
+    return on > 0 && (T <= part->s[on].force[0] * (1.0 + TS_TIE) || g->u[j] <= part->s[on].p.lo + near) ? on - 1 : on;
+}
+
+/* The branch that joins on where one of the parts that come to maxima together falls, the others going back; -1: there is none.
+ * A stable state is followed, whichever it is. */
+static int32_t joining_fall(ts_graph *g, const ts_state *s, double x, double T, int way)
+{
+    int32_t *at = g->next + g->n, found = -1, state = (int32_t)(s - g->states);
+    for (int j = 0; j < g->n && found < 0 && !g->reason; j++) {
+        const ts_state *here = g->states + state; /* the list may have moved */
+        memcpy(at, here->at, sizeof *at * (size_t)g->n);
+        if (falls(g, at, j)) continue;
+        at[j] = moved(g, here, j, T, way);
+        if (at[j] != here->at[j] && falls(g, at, j)) found = ts_branch_find(g, at, x, g->u, way);
+    }
+    return found;
 }
 
 /* What follows where parts come to the ends of their stretches. */
@@ -203,6 +220,12 @@ static int32_t beyond_bound(ts_graph *g, const ts_branch *b, double x, double T,
         if (!falls(g, g->next, j)) continue;
         if (entering < 0) entering = j;
         else g->next[j] = at[j]; /* the lowest index first */
+    }
+    if (entering >= 0 && !others && !falls(g, at, entering)) { /* from a rise to a fall the force turns, too */
+        for (int j = 0; j < g->n; j++)
+            if (j != entering) g->next[j] = at[j];
+        found = joining_fall(g, s, x, T, way);
+        if (found >= 0 || g->reason) return found;
     }
     if (first < 0) {
         g->reason = "a branch of a hysteretic string ends for no reason";

@@ -6,7 +6,8 @@
 #include "laws.h"
 
 #define TS_MOST_PIECES 4096
-#define TS_NEAR 1e-9 /* elongations that are equal, of the length */
+#define TS_NEAR 1e-9   /* elongations that are equal, of the length */
+#define TS_ENDED 2e-10 /* a part this near the end of its stretch has come to it, of the length */
 
 enum { TS_BOUND, TS_FOLD, TS_ZERO, TS_JOINT, TS_ENDLESS }; /* what ends a branch */
 

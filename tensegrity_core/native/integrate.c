@@ -178,14 +178,14 @@ static int close_span(ts_sim *sim, double tau)
         sim->memory.stats[TS_RESTARTS]++;
         ts_switch(sim, tau, span.which);
         restart(sim, tau);
-        ts_review_restart(sim, tau);
+        ts_review_restart(sim, tau, span.reach * span.h);
         return SWITCHED;
     }
     to_the_end(sim, &span);
     memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.stride);
     memcpy(sim->gap0, sim->gap1, bytes);
     memcpy(sim->rate0, sim->rate1, bytes);
-    ts_review_method(sim, span.h);
+    ts_review_step(sim, span.h);
     return ENDED;
 }
 
@@ -244,10 +244,9 @@ static double next_step(const ts_sim *sim, const ts_method *method, plan *p, dou
 }
 
 /* `auto` changes the method, and with it how far a step may go. */
-static void look_ahead(ts_sim *sim, const ts_method *method, plan *p)
+static void look_ahead(const ts_method *method, plan *p)
 {
     p->ahead = p->may_run_ahead && !(method->flags & (TS_FIXED_STEP | TS_CLIPPED));
-    sim->longest = p->ahead ? p->longest : fmin(p->longest, p->end);
 }
 
 static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
@@ -309,6 +308,7 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     memcpy(sim->gap_high, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
     sim->shrink = 0.1;
     sim->growth = method->growth;
+    sim->memory.choice.taken = 1.0;
     double err = method->attempt(sim, tau, h);
     if (method->flags & TS_FIXED_STEP && !all_finite(sim, sim->y1)) err = NAN;
     if (!(err <= 1.0)) {
@@ -336,11 +336,12 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     int stuck = 0;
     plan p = make_plan(sim, end, may_run_ahead);
     int fixed = (methods[memory->active]->flags & TS_FIXED_STEP) != 0;
-    look_ahead(sim, methods[memory->active], &p);
+    look_ahead(methods[memory->active], &p);
     sim->call = end;
     sim->may_run_ahead = may_run_ahead;
     budget b = {work(sim), PORTION, 0.0};
     if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end)) return fail(sim, TS_WORK_LIMIT);
+    sim->most = p.longest;
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
     if (!all_finite(sim, sim->f0)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     while (tau < end) {
@@ -348,7 +349,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         double err_last = memory->err_last;
         if (!affordable(sim, &b, tau, end)) return fail(sim, TS_WORK_LIMIT);
         const ts_method *method = methods[memory->active];
-        look_ahead(sim, method, &p);
+        look_ahead(method, &p);
         double most = p.ahead ? p.longest : fmin(end - tau, p.longest);
         if (!fixed && !(memory->h_next > 0.0)) memory->h_next = first_step(sim, method, tau, most);
         double h = next_step(sim, method, &p, tau, &last);

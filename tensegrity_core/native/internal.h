@@ -14,6 +14,8 @@
 
 #define TS_MAX_TRANSITIONS 4096   /* stored per call; the count goes on */
 #define TS_LANES 4                /* arrays that are worked on in one go are padded to a multiple of it */
+#define TS_CHOICES 3              /* methods that `auto` chooses from */
+#define TS_TRIALS 3               /* kinds of trials that it makes */
 #define TS_PATIENCE 3             /* signs of stiffness that make `auto` leave the explicit method */
 #define TS_LEDGER 3               /* dissipated, input_work, throughput */
 #define TS_DEGREE 7               /* of the polynomials of force curves */
@@ -133,12 +135,30 @@ typedef struct {
     int32_t method;
 } ts_span;
 
+/* What `auto` knows, see auto.c.  Work is counted in explicit steps; a phase is a time of implicit steps. */
+typedef struct {
+    double work;                 /* done so far */
+    double natural[TS_CHOICES];  /* s, step that each method took or proposed last; 0: not yet used */
+    double effort[TS_CHOICES];   /* that its steps took, failed attempts included, over the usual one: a running mean */
+    double taken, failed;        /* effort of the last attempt, of failed attempts at the present step */
+    double interval[TS_TRIALS];  /* work between trials of each kind, in steps of the method to try */
+    double since[TS_TRIALS];     /* work at the last one */
+    double phase_time, phase_work; /* s; of the present phase */
+    double trial_time, trial_work; /* s; since the method in use came into use */
+    double h_lambda;             /* step times fastest rate, in the last explicit step */
+    int32_t phase_steps, steps;  /* likewise */
+    int32_t losing;              /* implicit steps in a row that were not worth their cost */
+    int32_t incumbent;           /* method to go back to if the one on trial within a phase loses; -1: none is on trial */
+    int32_t preferred;           /* implicit method to begin with; 0: not yet known */
+    int32_t unused;
+} ts_choice;
+
 /* What a saved state holds besides the two blocks: everything that the next step depends on. */
 typedef struct {
     double time;     /* s, at the last communication point */
     double time_low; /* s, what rounding took from it so far */
     double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
-    double h_explicit; /* s, the last step before `auto` left the explicit method */
+    ts_choice choice;
     ts_span span;
     double joined;   /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
     double err_last; /* of the last accepted step, in units of the tolerance */
@@ -147,10 +167,10 @@ typedef struct {
     int32_t sloped;   /* some input had a derivative then */
     int32_t active;   /* method in use */
     int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
-    int32_t patience; /* how many of them make `auto` leave the explicit method */
+    int32_t patience; /* how many of them make `auto` leave the explicit method before its interval is over */
     int32_t started;  /* ts_initialize() has been called */
     int32_t method;   /* as it was then */
-    int32_t worthwhile; /* the implicit steps since `auto` left the explicit method were worth their cost */
+    int32_t unused;
     int64_t stats[TS_STATS];
 } ts_memory;
 
@@ -223,7 +243,7 @@ struct ts_sim {
     double *ft, *lin;            /* (nq), (6 nq) */
     double *backup;       /* (n_real + n_applied + 2 n_inputs + ny), see simulation.c */
     int32_t *backup_ints; /* (n_int + 2 S) */
-    double longest;         /* s, step that the present call allows; of the methods that may run ahead, where inputs stay */
+    double most;            /* s, largest step that the parameters allow */
     double call;            /* s, length of the present call */
     int32_t may_run_ahead;  /* inputs stay */
     double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
@@ -369,8 +389,10 @@ void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead);
 int ts_fixed_step(int method);
 
 /* auto.c */
-void ts_review_method(ts_sim *sim, double h);
+void ts_start_choice(ts_sim *sim);
+int ts_choice_is_possible(const ts_sim *sim);
+void ts_review_step(ts_sim *sim, double h);
 void ts_review_rejection(ts_sim *sim);
-void ts_review_restart(ts_sim *sim, double tau);
+void ts_review_restart(ts_sim *sim, double tau, double h);
 
 #endif

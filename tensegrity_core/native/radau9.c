@@ -6,6 +6,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "radau9_tableau.h"
@@ -13,6 +14,8 @@
 #define STAGES 5
 #define PAIRS 2
 #define MOST_ITERATIONS 8
+#define FIXED_EFFORT 0.3    /* of a step of ITERATIONS, the usual number, what does not go with their number */
+#define ITERATIONS 2.7
 
 /* out_s = sum_j M[s][j] in_j over the stages */
 ALWAYS_INLINE void transform(const double M[STAGES][STAGES], const double *in, int stride, int n, double *out)
@@ -80,7 +83,7 @@ static double size_of(const ts_sim *sim, const double *R)
     return sum == sum ? fmax(fmax(fmax(a, b), fmax(c, d)), e) : NAN;
 }
 
-/* Newton iterations; the increments stand in Z.  Returns their number, or 0 where they do not converge. */
+/* Newton iterations; the increments stand in Z.  Returns their number, or minus it where they do not converge. */
 static int iterate(ts_sim *sim, double tau, double h, double *Z, double *W, double *R)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
@@ -94,12 +97,12 @@ static int iterate(ts_sim *sim, double tau, double h, double *Z, double *W, doub
         for (int i = 0; i < STAGES * stride; i++) W[i] += R[i];
         transform(T, W, stride, n, Z);
         double size = size_of(sim, R), rate = it > 1 ? size / last : 0.0;
-        if (!(size < INFINITY)) return 0;
+        if (!(size < INFINITY)) return -it;
         if (it == 1 ? size <= 1e-3 * enough : rate / (1.0 - rate) * size <= enough && rate < 1.0) return it;
-        if (it > 1 && (rate >= 1.0 || pow(rate, MOST_ITERATIONS - it) / (1.0 - rate) * size > enough)) return 0;
+        if (it > 1 && (rate >= 1.0 || pow(rate, MOST_ITERATIONS - it) / (1.0 - rate) * size > enough)) return -it;
         last = size;
     }
-    return 0;
+    return -MOST_ITERATIONS;
 }
 
 /* Order 5: the difference to a formula that also uses f0, filtered so that it stays bounded however stiff (Hairer, Wanner,
@@ -126,7 +129,8 @@ static double attempt(ts_sim *sim, double tau, double h)
     guess(sim, h, Z);
     transform(TI, Z, stride, n, W);
     int iterations = iterate(sim, tau, h, Z, W, R);
-    if (!iterations) {
+    sim->memory.choice.taken = FIXED_EFFORT + (1.0 - FIXED_EFFORT) * abs(iterations) / ITERATIONS;
+    if (iterations < 0) {
         sim->shrink = 0.5;
         return NAN;
     }

@@ -280,7 +280,7 @@ int ts_initialize(ts_sim *sim, double time)
     memset(&sim->memory, 0, sizeof sim->memory);
     sim->memory.time = time;
     sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
-    sim->memory.patience = TS_PATIENCE;
+    ts_start_choice(sim);
     sim->memory.method = method;
     sim->memory.started = 1;
     set_reach(sim);
@@ -546,7 +546,7 @@ static int is_possible(const ts_sim *sim)
     const ts_memory *memory = &sim->memory;
     const int S = sim->m.count[TS_S], method = sim->integers[sim->m.int_at[TS_INT_METHOD]];
     int possible = memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
-    possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S;
+    possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(sim);
     possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
     possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 : memory->span.h == 0.0);
     for (int i = 0; i < S; i++) possible = possible && sim->piece[i] >= 0 && sim->piece[i] < sim->curve[i].pieces;

@@ -1,0 +1,181 @@
+"""Measures `auto` against the methods that it chooses from: ``python benchmarks/method_choice.py`` writes
+docs/method_choice.json and docs/method-choice.md, in about half an hour.
+
+Every cell is run by `dop853`, `rodas5p`, `radau9` and `auto` in turns, in one process.  What counts is the least processor time
+of the kernel's steps; the ratio of a cell is that of `auto` over the best of the three.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from ctypes import POINTER, Structure, c_double, c_int64, c_void_p, cast
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import machine  # noqa: E402
+from method_choice_cells import Cell, anywhere, built, drawn, every, ladders  # noqa: E402
+from stability.common import table, wrapped  # noqa: E402
+
+from tensegrity_core.files import scratch  # noqa: E402
+from tensegrity_core.kernel import Kernel  # noqa: E402
+from tensegrity_core.native import build  # noqa: E402
+
+BASE = ("dop853", "rodas5p", "radau9")
+METHODS = (*BASE, "auto")
+#: Cells of each kind, and seeds.
+DRAWN, ANYWHERE, SEEDS = 360, 240, (2026, 1128)
+#: A run that takes longer is given up, and a cell whose best run is shorter is not judged, s.
+MOST, LEAST = 1.0, 1e-4
+#: Rounds of cells whose runs together take less than this, s; others have two.
+SHORT = 0.5
+#: The targets: geometric mean, 95 % quantile, largest ratio; and how much more a looser tolerance may cost.
+MEAN, MOST_CELLS, WORST, LOOSER = 1.05, 1.3, 2.0, 1.1
+
+
+class Functions(Structure):
+    """Of a kernel, as method_choice.c wants them."""
+
+    _fields_ = [("initialize", c_void_p), ("step", c_void_p), ("values", c_void_p)]
+
+
+def runner(folder: Path) -> Callable:
+    """The function `run` of method_choice.c, compiled in a folder."""
+    source, library = ROOT / "benchmarks" / "method_choice.c", folder / "method_choice.so"
+    compiler = build.system_compiler() or build.zig()
+    subprocess.run([*compiler, "-std=c99", "-O2", "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
+    run = ctypes.CDLL(str(library)).run
+    run.restype = c_double
+    run.argtypes = (POINTER(Functions), c_void_p, c_int64, c_void_p, c_int64, c_int64, c_void_p, c_double)
+    return run
+
+
+def measure(run: Callable, cell: Cell, rounds: int, most: float = MOST) -> dict:
+    """seconds: least processor time of each method that ended, s; stats: what it did; failed: why others did not."""
+    model, steps, rows = built(cell)
+    seconds: dict[str, list[float]] = {}
+    stats, failed, kernels = {}, {}, {}
+    for method in METHODS:
+        kernel = kernels[method] = Kernel(model, method=method, tolerance=cell.tolerance)
+    functions = Functions(*(cast(getattr(kernel._library, f"ts_{name}"), c_void_p) for name, _ in Functions._fields_))
+    for n in range(rounds):
+        for method, kernel in kernels.items():
+            if method in failed or (n >= 2 and sum(map(sum, seconds.values())) > SHORT):
+                continue
+            table_of = rows.ctypes.data, len(steps), steps.ctypes.data
+            spent = run(functions, kernel._sim, table_of[1], table_of[2], len(rows), rows.shape[1], table_of[0], most)
+            if spent < 0.0:
+                failed[method] = "too long" if spent == -1000.0 else kernel._message()
+                continue
+            seconds.setdefault(method, []).append(spent)
+            stats.setdefault(method, kernel.stats)
+    least = {method: min(values) for method, values in seconds.items() if method not in failed}
+    return {"name": cell.name, "seconds": least, "stats": stats, "failed": failed}
+
+
+def judged(rows: Iterable[dict]) -> list[dict]:
+    """Rows with `best` (method) and `ratio`; cells that no method ended and very short ones are left out."""
+    found = []
+    for row in rows:
+        base = {m: row["seconds"][m] for m in BASE if m in row["seconds"]}
+        if base and min(base.values()) >= LEAST:
+            best = min(base, key=base.get)
+            found.append({**row, "best": best, "ratio": row["seconds"].get("auto", np.inf) / base[best]})
+    return found
+
+
+def dearer(ladder: list[dict]) -> list[float]:
+    """Of each row but the last of a ladder of falling tolerances: its time over the least one at a tighter tolerance, or 0
+    where it is too short."""
+    times = [row["seconds"].get("auto", np.inf) for row in ladder]
+    return [float(t / min(times[n + 1 :])) if t > LEAST else 0.0 for n, t in enumerate(times[:-1])]
+
+
+def collect(rounds: int) -> dict:
+    """docs/method_choice.json."""
+    began, where = time.perf_counter(), machine.describe()
+    sets = {"drawn": drawn(DRAWN, SEEDS[0]), "anywhere": anywhere(ANYWHERE, SEEDS[1])}
+    with scratch() as folder:
+        run = runner(folder)
+        rows = {name: [slim(measure(run, cell, rounds)) for cell in cells] for name, cells in sets.items()}
+        rows["ladders"] = [[slim(measure(run, cell, rounds)) for cell in ladder] for ladder in ladders()]
+    minutes = round((time.perf_counter() - began) / 60.0)
+    return {"machine": where, "rounds": rounds, "cells": len(every()), **rows, "minutes": minutes}
+
+
+def slim(row: dict) -> dict:
+    """What is kept of a row."""
+    seconds = {method: float(f"{value:.4g}") for method, value in row["seconds"].items()}
+    return {"name": row["name"], "seconds": seconds, "failed": row["failed"]}
+
+
+def summary(title: str, rows: list[dict]) -> list[str]:
+    found = judged(rows)
+    ratio = np.array([row["ratio"] for row in found])
+    best = [str(sum(row["best"] == method for row in found)) for method in BASE]
+    numbers = np.exp(np.log(ratio).mean()), np.quantile(ratio, 0.95), ratio.max()
+    return [title, str(len(found)), *(f"{x:.2f}" for x in numbers), str(int((ratio > WORST).sum())), *best]
+
+
+def report(result: dict) -> str:
+    """docs/method-choice.md."""
+    where, chained = result["machine"], [row for ladder in result["ladders"] for row in ladder]
+    sets = {"out of the product": result["drawn"], "anywhere": result["anywhere"], "ladders": chained}
+    everything = [row for rows in sets.values() for row in rows]
+    worst = sorted(judged(everything), key=lambda row: -row["ratio"])[:8]
+    loose = [value for ladder in result["ladders"] for value in dearer(ladder)]
+    head = ["cells", "judged", "geometric mean", "95 %", "largest", f"above {WORST:g}", *(f"best: {m}" for m in BASE)]
+    times = [[row["name"], *(f"{1e3 * row['seconds'][m]:.3g}" if m in row["seconds"] else "-" for m in METHODS),
+              f"{row['ratio']:.2f}"] for row in worst]  # fmt: skip
+    alone = [[m, *quantiles(m, everything)] for m in METHODS]
+    given_up = sum(not any(m in row["seconds"] for m in BASE) for row in everything)
+    return wrapped("\n\n".join([
+        "# What `auto` chooses, and what that costs",
+        "Written by `python benchmarks/method_choice.py`; the figures stand in [method_choice.json](method_choice.json), and "
+        f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one "
+        f"thread, commit {where['commit']}, {where['date']}, in {result['minutes']} minutes.",
+        f"A cell is a model, a drive, a duration, communication steps and a tolerance. `dop853`, `rodas5p`, `radau9` and "
+        f"`auto` run it in turns, {result['rounds']} rounds (two where runs are long); the least processor time of the kernel's "
+        "steps counts. The ratio is that of `auto` over the best of the three, which nobody knows beforehand; below 1, `auto` wins "
+        "by using more than one of them. Cells "
+        f"whose best run takes less than {1e3 * LEAST:g} ms are not judged, runs of more than {MOST:g} s are given up "
+        f"({given_up} cells have none shorter).",
+        f"*Out of the product*: {len(result['drawn'])} of {result['cells']} cells, drawn with equal chances: six scenes and a "
+        "tower of 30 bars, with and without memory; d = 50, 500, 5000 N s/m; tolerances 1e-4 ... 1e-12; constant loads, square "
+        "waves, moving rest lengths, releases, random held forces; 0.1, 5 and 50 s; communication steps of 1 ms, 10 ms "
+        "and none. "
+        "*Anywhere*: towers of one to three stages whose stiffness, mass, prestress and damping, and whose durations, "
+        "communication steps and tolerances are drawn from ranges, 10 to 10^4 N s/m and 0.05 to 20 s among them. *Ladders*: "
+        "45 N up at n4 of the six scenes over 5 s, at every tolerance.",
+        table(head, [summary(title, rows) for title, rows in sets.items()] + [summary("all", everything)]),
+        f"Aims: mean at most {MEAN:g}, 95 % of cells at most {MOST_CELLS:g}, none above {WORST:g}.",
+        "What one loses who always takes the same method: ratios to the best of the three.",
+        table(["method", "geometric mean", "95 %", "not ended"], alone),
+        "The largest ratios, times in ms:",
+        table(["cell", *METHODS, "ratio"], times),
+        f"On the ladders, a looser tolerance costs at most {max(loose):.2f} times what a tighter one does; more than "
+        f"{LOOSER:g} times in {sum(value > LOOSER for value in loose)} of {len(loose)} steps.",
+    ])) + "\n"  # fmt: skip
+
+
+def quantiles(method: str, rows: list[dict]) -> list[str]:
+    """Of the ratios of a method's times to the best: geometric mean and 95 %, over the cells that it ended; how many it did
+    not."""
+    found = judged(rows)
+    ratio = np.array([row["seconds"][method] / row["seconds"][row["best"]] for row in found if method in row["seconds"]])
+    return [f"{np.exp(np.log(ratio).mean()):.2f}", f"{np.quantile(ratio, 0.95):.3g}", str(len(found) - len(ratio))]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    machine.write_page(__doc__, "method_choice", 5, collect, report, arguments)
+
+
+if __name__ == "__main__":
+    main()
