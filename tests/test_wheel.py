@@ -175,7 +175,7 @@ def test_fmus_are_validated(installed):
     for runtime in ("native", "python"):
         page = (installed.folder / "out" / runtime / "pendulum.html").read_text(encoding="utf-8")
         assert "Every bound holds." in page and "not known" in page  # of no commit, whatever repository is around
-    assert len(list((installed.folder / "home").rglob("reference-cache/*"))) == 3
+    assert list((installed.folder / "home").rglob("reference-cache/*.bin"))
 
 
 #: Words of each command, and the file that it writes ('' stands for standard output).
