@@ -22,7 +22,7 @@ from . import compare
 from .documentation import environment
 from .places import clone
 from .sensitivity import WINDOW
-from .validate import SETTINGS, TIGHT, TIGHTER, Run, Validation
+from .validate import TIGHT, Run, Validation, reference_settings
 
 
 def write_report(validation: Validation, path: Path) -> None:
@@ -45,14 +45,14 @@ def write_report(validation: Validation, path: Path) -> None:
         seconds=validation.seconds,
         factor=validation.factor,
         pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
-        settings=[_shown(TIGHTER if run.again else SETTINGS) for run in validation.runs],
+        settings=[_shown(reference_settings(run.scenario, run.again)) for run in validation.runs],
         versions=versions(),
     )
     write_text(path, page)
 
 
 def _shown(settings: dict) -> str:
-    return f"{settings.get('method', 'auto')}, rtol {settings['rtol']:g}, atol {settings['atol']:g} m"
+    return f"{settings['method']}, rtol {settings['rtol']:g}, atol {settings['atol']:g} m"
 
 
 def picture(run: Run) -> bytes:

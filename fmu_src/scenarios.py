@@ -27,7 +27,7 @@ LIFT, WAVE = 42.0, 400.0
 @dataclass(frozen=True)
 class Scenario:
     """name: an identifier; title: for humans; model: with the damping of this scenario; inputs: held; short: a title that
-    fits into a line of a table; tolerance: of the FMU, None: its own."""
+    fits into a line of a table; tolerance: of the FMU, None: its own; method: of the reference."""
 
     name: str
     title: str
@@ -35,6 +35,7 @@ class Scenario:
     inputs: Inputs
     short: str = ""
     tolerance: float | None = None
+    method: str = "auto"
 
 
 def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thorough: bool = False) -> list[Scenario]:

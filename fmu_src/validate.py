@@ -212,10 +212,15 @@ def repeated(runs: list[Scenario]) -> list[Scenario]:
     return runs + [replace(run, name=f"{run.name}_tight{i}", tolerance=TIGHT[i]) for i in range(len(TIGHT)) for run in runs]
 
 
+def reference_settings(run: Scenario, again: bool = False) -> dict:
+    """Keyword arguments of reference.simulate under a scenario; again: for the tighter run."""
+    return {**(TIGHTER if again else SETTINGS), "method": run.method}
+
+
 def reference_run(run: Scenario, cache: Path | None, again: bool = False) -> Reference:
     """In a worker: the reference under a scenario, and the scenario's spreads, in which the FMU under test has no part."""
     began, notes = time.process_time(), []
-    settings = TIGHTER if again else SETTINGS
+    settings = reference_settings(run, again)
     key = reference_key(run.model, run.inputs, settings)
     result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings), notes.append)
     return Reference(result, found, spreads(run.model, run.inputs, START_ERROR), tuple(notes), time.process_time() - began)
