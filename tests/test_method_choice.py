@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driven_scenes import MAST, built
 from support import scene
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -54,6 +55,19 @@ LIFTED = [("three_bar", 500.0, 1e-10), ("three_bar", 500.0, 1e-12), ("three_bar"
 def test_tight_tolerances_on_stiff_strings(name, damping, tolerance):
     found = works(cells.Cell(name, False, damping, "lift", 5.0, 0.0, tolerance, 0))
     assert found["auto"] < 1.4 * min(found[m] for m in method_choice.BASE), found
+
+
+def test_a_damper_that_sets_in_and_out_at_every_step():
+    """Stability limits explicit steps, and the tension of a string that pulls or does nothing passes 0 in nearly all of them."""
+    model = replace(built(MAST), damping=np.full(2, 5000.0), damping_law="tension_only")
+    spent = {}
+    for method in ("radau9", "auto"):
+        kernel = Kernel(model, method=method, tolerance=1e-3)
+        kernel["force"][0] = -100.0
+        kernel.initialize()
+        kernel.step(1.0)
+        spent[method] = work(kernel.stats)
+    assert spent["auto"] < spent["radau9"], spent
 
 
 def test_drawn_cells_are_close_to_the_best_method():

@@ -18,6 +18,7 @@
 #define STEADY 1.5      /* steps that grow by more are not compared yet */
 #define CALM 0.3        /* h lambda below which stability is far away; implicit methods then hardly ever win */
 #define CALMER 8.0      /* factor of their intervals there */
+#define CUT 2.0         /* factor of their intervals where steps end at transitions */
 #define HOPE 3.0        /* explicit steps may be so much longer than when last seen */
 #define MOST_PATIENCE 96
 #define FADE 0.2        /* weight of the last step in means */
@@ -120,6 +121,14 @@ static int choose_implicit(const ts_sim *sim, double h)
     return promising(sim, place, h) ? place : other_implicit(place);
 }
 
+static void begin_phase(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    c->phase_time = c->phase_work = 0.0;
+    c->phase_steps = 0;
+    use(sim, place, BOLD * h);
+}
+
 /* The explicit method took a step of length h. */
 static void review_explicit(ts_sim *sim, double h)
 {
@@ -128,10 +137,20 @@ static void review_explicit(ts_sim *sim, double h)
     double cost = cost_of(sim, place) * (c->h_lambda < CALM ? CALMER : 1.0);
     int steady = sim->memory.h_next <= STEADY * h;
     if (sim->memory.stiff < sim->memory.patience && !(steady && due(c, OF_IMPLICIT, cost))) return;
-    if (!promising(sim, place, h)) return;
-    c->phase_time = c->phase_work = 0.0;
-    c->phase_steps = 0;
-    use(sim, place, BOLD * h);
+    if (promising(sim, place, h)) begin_phase(sim, place, h);
+}
+
+/* The explicit method's step ended at a transition.  Where hardly any step ends otherwise (a damper that sets in and out while
+ * stability limits the steps), what the steps came to on average since the last phase counts. */
+static void review_cut(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    double mean = c->trial_work > 0.0 ? c->effort[EXPLICIT] * c->trial_time / c->trial_work : 0.0;
+    if (!(mean > 0.0)) return;
+    int place = choose_implicit(sim, mean);
+    if (!due(c, OF_IMPLICIT, CUT * cost_of(sim, place)) || !promising(sim, place, mean)) return;
+    c->natural[EXPLICIT] = mean;
+    begin_phase(sim, place, mean);
 }
 
 /* The explicit method goes on with a step of length h; `place` was the implicit method in use. */
@@ -257,7 +276,8 @@ void ts_review_restart(ts_sim *sim, double tau, double h)
     int place = place_of(sim->memory.active);
     if (sim->memory.method != TS_METHOD_AUTO) return;
     count(sim, place, h);
-    if (!sim->force_jumps) return;
-    if (place != EXPLICIT) end_phase(sim, place, transient_step(sim, tau));
-    else if (c->incumbent >= 0) end_phase(sim, c->incumbent, sim->memory.h_next);
+    if (place == EXPLICIT && c->incumbent < 0) review_cut(sim);
+    else if (!sim->force_jumps) return;
+    else if (place != EXPLICIT) end_phase(sim, place, transient_step(sim, tau));
+    else end_phase(sim, c->incumbent, sim->memory.h_next);
 }

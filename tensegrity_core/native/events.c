@@ -343,7 +343,7 @@ void ts_switch(ts_sim *sim, double tau, int which)
         else if (gap - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
         else if (sim->lo[i] - gap >= -2.0 * sim->guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
         else if (i + S != which) continue;
-        if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i], sim->force_jumps = 1;
+        if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i]; /* where the tension is 0: no jump */
         else review_clipping(sim, i, gap, rate);
     }
 }
