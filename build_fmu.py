@@ -1,8 +1,6 @@
 """Builds FMUs of tensegrity scenes and validates them: python build_fmu.py three_bar_nsh.  The same as python -m fmu_src.build."""
 
-import sys
-
-from tensegrity_core.interrupts import interruptible
+from tensegrity_core.interrupts import program
 
 
 def main() -> int:
@@ -12,4 +10,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(interruptible(main))
+    program(main)

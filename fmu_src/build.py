@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.interrupts import interruptible
+from tensegrity_core.interrupts import program
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
 from tensegrity_core.scene import Scene, builtin_scenes, load_scene
@@ -224,4 +224,4 @@ def remark(validation: Validation) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(interruptible(main))
+    program(main)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
+from typing import NoReturn
 
-from .interrupts import interruptible
+from .interrupts import program
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the command; what it needs is loaded where Ctrl-C ends it quietly."""
 
     def run() -> int:
@@ -15,8 +15,8 @@ def main() -> int:
 
         return main()
 
-    return interruptible(run)
+    program(run)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

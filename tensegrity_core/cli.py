@@ -21,7 +21,7 @@ from .export import require_writable, write_result
 from .fields import METHODS
 from .files import write_text
 from .inputs import Inputs, held
-from .interrupts import interruptible
+from .interrupts import program
 from .kernel import simulate as run_kernel
 from .model import Model
 from .modes_command import COMMAND as MODES
@@ -266,4 +266,4 @@ COMMANDS = (
 )
 
 if __name__ == "__main__":
-    sys.exit(interruptible(main))
+    program(main)

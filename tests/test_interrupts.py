@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 from test_files import sources
 
 from tensegrity_core import cli, interrupts
-from tensegrity_core.files import write_text
+from tensegrity_core.files import scratch, write_text
 
 ROOT = Path(__file__).resolve().parent.parent
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
@@ -26,7 +27,7 @@ import sys, threading, time
 from pathlib import Path
 from tensegrity_core import processes
 from tensegrity_core.files import replacing, scratch
-from tensegrity_core.interrupts import interruptible
+from tensegrity_core.interrupts import program
 
 def busy(folder, name):
     (Path(folder) / name).touch()
@@ -55,7 +56,7 @@ while True:
 '''
 
 if __name__ == "__main__":
-    sys.exit(interruptible(main))
+    program(main)
 """
 
 
@@ -176,7 +177,7 @@ def test_handlers_are_as_before_and_others_are_left_alone(monkeypatch, capsys):
     before = [signal.getsignal(number) for number in interrupts.ASKING]
     seen = []
     assert interrupts.interruptible(lambda: seen.append(signal.getsignal(signal.SIGTERM)) or 7) == 7
-    assert seen != [signal.SIG_DFL] and [signal.getsignal(number) for number in interrupts.ASKING] == before
+    assert isinstance(seen[0], interrupts._Requests) and [signal.getsignal(number) for number in interrupts.ASKING] == before
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
         interrupts.interruptible(lambda: seen.append(signal.getsignal(signal.SIGTERM)) or 0)
@@ -203,6 +204,69 @@ def test_a_request_that_somebody_swallows_is_repeated():
 
     assert interrupts.interruptible(run) == 128 + signal.SIGTERM
     assert swallowed == 3 * [interrupts.Ended]
+
+
+@pytest.mark.parametrize("thread", [False, True], ids=["main", "another"])
+def test_requests_wait_for_the_end_of_what_is_done_whole(thread, tmp_path):
+    """Whichever thread the system gives the signal to; and the folder is removed although the request comes meanwhile."""
+    done = []
+
+    def run():
+        with scratch(tmp_path) as folder, interrupts.held_back():
+            with interrupts.held_back():
+                (folder / "file").touch()
+                if thread:
+                    other = threading.Thread(target=lambda: signal.pthread_kill(threading.get_ident(), signal.SIGTERM))
+                    freed = signal.pthread_sigmask(signal.SIG_UNBLOCK, interrupts.ASKING)  # which the new thread inherits
+                    other.start()
+                    other.join()
+                    signal.pthread_sigmask(signal.SIG_SETMASK, freed)
+                else:
+                    os.kill(os.getpid(), signal.SIGTERM)
+                done.append("inner")
+            done.append("outer")
+        done.append("never")
+
+    assert interrupts.interruptible(run) == 128 + signal.SIGTERM
+    assert done == ["inner", "outer"] and not list(tmp_path.iterdir())
+
+
+def test_a_request_that_comes_while_an_object_is_removed_is_repeated(capsys):
+    """Python prints what is raised there, and goes on."""
+
+    class Removed:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.0)
+
+    def run():
+        one = Removed()
+        del one
+        time.sleep(10.0)
+        return 0
+
+    assert interrupts.interruptible(run) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_an_interrupted_program_is_not_taken_down_piece_by_piece(tmp_path):
+    """What libraries ask for at the end is done, what is buffered is written; objects are not removed any more."""
+    code = """
+import atexit, os, signal, sys
+from tensegrity_core.interrupts import program
+class Left:
+    def __del__(self):
+        os.write(2, b"removed")
+def main():
+    atexit.register(lambda: print("at the end"))
+    print("begun")
+    main.left = Left()
+    os.kill(os.getpid(), signal.SIGTERM)
+program(main)
+"""
+    process = start([sys.executable, "-c", code], PYTHONUNBUFFERED="")
+    assert process.communicate(timeout=PATIENCE) == ("begun\nat the end\n", "ended by SIGTERM\n")
+    assert process.returncode == 143
 
 
 def test_an_interrupted_command_writes_nothing(tmp_path, monkeypatch, capsys):
