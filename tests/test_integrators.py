@@ -41,12 +41,15 @@ def test_communication_points_do_not_disturb_the_integration_while_inputs_stay(m
     one.step(1.0)
     advance(many, 500, 0.002)
     assert many.stats["transitions"] == one.stats["transitions"]
-    if damping < 5000:
+    exact = damping < 5000 and method != "auto"
+    if exact:
         assert many.stats["steps"] == one.stats["steps"]
+    elif method == "auto":  # it looks at communication points before it tries a method whose steps end there
+        assert many.stats["steps"] <= 1.5 * one.stats["steps"]
     else:  # where stability limits explicit steps, their control amplifies round-off up to the tolerance
         assert abs(many.stats["steps"] - one.stats["steps"]) <= 0.05 * one.stats["steps"]
     assert method == "dop853" or many.stats["steps"] < 500
-    np.testing.assert_allclose(many["position"], one["position"], rtol=0, atol=1e-11 if damping < 5000 else 1e-8)
+    np.testing.assert_allclose(many["position"], one["position"], rtol=0, atol=1e-11 if exact else 1e-8)
     np.testing.assert_allclose(many["reaction"], one["reaction"], rtol=0, atol=2e-8 * (100 + damping))
 
 
