@@ -26,13 +26,13 @@ from .trials import trials
 from .validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
 
 
-def program() -> str:
+def command_name() -> str:
     """How the command was called."""
     return "python -m fmu_src.build" if Path(sys.argv[0]).name == "build.py" else "build_fmu.py"
 
 
 def arguments(words: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=program(), description=__doc__)
+    parser = argparse.ArgumentParser(prog=command_name(), description=__doc__)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="a scene's name, or the path of a .toml file")
     parser.add_argument("--all", action="store_true", help=f"all scenes: {', '.join(builtin_scenes())}")
     parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
