@@ -7,6 +7,7 @@ scene, at tolerances from 1e-4 to 1e-12, against the kernel at 1e-13 by another 
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -71,6 +72,7 @@ def errors(found, truth) -> tuple[float, float]:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     cells, left_out = [], []
     for name, model, inputs in runs():
         truth, beside = simulate(model, inputs, *TRUTH), simulate(model, inputs, "dop853", 1e-12)

@@ -63,5 +63,5 @@ static void restart_ends(double tau)
 
 #define ts_first_transition(sim, method, tau, h, ...) \
     (search_begins(sim, tau, h), ts_first_transition(sim, method, tau, h, __VA_ARGS__))
-#define ts_review_restart(sim, tau) (ts_review_restart(sim, tau), restart_ends(tau))
+#define ts_review_restart(sim, tau, h) (ts_review_restart(sim, tau, h), restart_ends(tau))
 #include "integrate.c"

@@ -82,5 +82,8 @@ def test_fmpys_cross_check_simulates_the_bundle_and_accepts_the_result(bundle, t
     ours, expected = read(found), read(bundle / f"{SCENE}_ref.csv")
     for name in expected.dtype.names[1:]:
         at = np.interp(expected["time"], ours["time"], ours[name])
-        bound = 2e-5 * (1.0 + np.max(np.abs(expected[name])))  # six digits are stored
+        # Six digits are stored.  The throughput is the integral of a magnitude, which has kinks inside steps; no error control
+        # sees it, and nothing but the scale of the energy balance comes from it.
+        digits = 1e-4 if name == "energy.throughput" else 2e-5
+        bound = digits * (1.0 + np.max(np.abs(expected[name])))
         assert np.max(np.abs(at - expected[name])) <= bound, name
