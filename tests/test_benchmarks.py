@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import equilibrium_paths  # noqa: E402
 import growth  # noqa: E402
 import machine  # noqa: E402
+import method_choice  # noqa: E402
 import problems  # noqa: E402
 import scene_costs  # noqa: E402
 import fmu_speed  # noqa: E402
@@ -274,6 +275,7 @@ PAGES = [
     ("growth.md", "growth.json", lambda path: json.loads(path.read_text()), growth.report),
     ("equilibrium-paths.md", "equilibrium_paths.json", lambda path: json.loads(path.read_text()), equilibrium_paths.report),
     ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text()), scene_costs.report),
+    ("method-choice.md", "method_choice.json", lambda path: json.loads(path.read_text()), method_choice.report),
     ("unused-parts.md", "unused_parts.json", lambda path: json.loads(path.read_text()), unused_parts.report),
     ("speed.md", "speed.json", lambda path: json.loads(path.read_text()), speed.report),
     ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text()), fmu_speed.report),
