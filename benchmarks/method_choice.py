@@ -69,8 +69,7 @@ def measure(run: Callable, cell: Cell, rounds: int, most: float = MOST) -> dict:
         for method, kernel in kernels.items():
             if method in failed or (n >= 2 and sum(map(sum, seconds.values())) > SHORT):
                 continue
-            table_of = rows.ctypes.data, len(steps), steps.ctypes.data
-            spent = run(functions, kernel._sim, table_of[1], table_of[2], len(rows), rows.shape[1], table_of[0], most)
+            spent = run(functions, kernel._sim, len(steps), steps.ctypes.data, *rows.shape, rows.ctypes.data, most)
             if spent < 0.0:
                 failed[method] = "too long" if spent == -1000.0 else kernel._message()
                 continue

@@ -63,30 +63,28 @@ def native_fmus(tmp_path_factory) -> dict[str, Path]:
     return {name: folder / f"{name}.fmu" for name in builtin_scenes()}
 
 
-@pytest.fixture(scope="session")
-def native_folders(native_fmus, tmp_path_factory) -> dict[str, Path]:
-    """Scene name -> folder with the files of its native FMU; nobody writes there."""
-
-    def make(folder):
-        for name, fmu in native_fmus.items():
-            with zipfile.ZipFile(fmu) as archive:
-                archive.extractall(folder / name)
-
-    folder = once(tmp_path_factory, "native_folders", make)
-    return {name: folder / name for name in native_fmus}
-
-
-@pytest.fixture(scope="session")
-def python_folders(fmus, tmp_path_factory) -> dict[str, Path]:
-    """Scene name -> folder with the files of its Python FMU; nobody writes there but Python its caches."""
+def unzipped(fmus: dict[str, Path], tmp_path_factory, what: str) -> dict[str, Path]:
+    """Scene name -> folder with the files of its FMU, extracted once for all processes."""
 
     def make(folder):
         for name, fmu in fmus.items():
             with zipfile.ZipFile(fmu) as archive:
                 archive.extractall(folder / name)
 
-    folder = once(tmp_path_factory, "python_folders", make)
+    folder = once(tmp_path_factory, what, make)
     return {name: folder / name for name in fmus}
+
+
+@pytest.fixture(scope="session")
+def native_folders(native_fmus, tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> folder with the files of its native FMU; nobody writes there."""
+    return unzipped(native_fmus, tmp_path_factory, "native_folders")
+
+
+@pytest.fixture(scope="session")
+def python_folders(fmus, tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> folder with the files of its Python FMU; nobody writes there but Python its caches."""
+    return unzipped(fmus, tmp_path_factory, "python_folders")
 
 
 @pytest.fixture
