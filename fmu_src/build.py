@@ -7,7 +7,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from tensegrity_core.errors import TensegrityError
+from tensegrity_core.command import Parser
+from tensegrity_core.errors import TensegrityError, shown
 from tensegrity_core.interrupts import program
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
@@ -32,7 +33,7 @@ def command_name() -> str:
 
 
 def arguments(words: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=command_name(), description=__doc__)
+    parser = Parser(prog=command_name(), description=__doc__)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="a scene's name, or the path of a .toml file")
     parser.add_argument("--all", action="store_true", help=f"all scenes: {', '.join(builtin_scenes())}")
     parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
@@ -100,7 +101,7 @@ def main(words: list[str] | None = None) -> int:
                 place = write_cross_check(model, options.cross_check, options.naming, options.cache, **contents(options))
                 print(f"wrote {place}", flush=True)
     except (TensegrityError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {shown(str(error))}", file=sys.stderr)
         return 2
     return validate(models, built, options) if options.validate else 0
 

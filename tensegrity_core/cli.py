@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from . import statics
-from .command import Command, constant_force, model_of, no_arguments, positive, sample_times, scene_argument
+from .command import Command, Parser, constant_force, model_of, no_arguments, positive, sample_times, scene_argument
 from .errors import InputError, TensegrityError
 from .experiment_command import COMMAND as EXPERIMENT
 from .export import require_writable, write_result
@@ -33,7 +33,7 @@ from .towers import MOST_STAGES, tower_text
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="tensegrity", description="Tensegrity dynamics with NSH.")
+    parser = Parser(prog="tensegrity", description="Tensegrity dynamics with NSH.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for command in COMMANDS:
         subparser = commands.add_parser(command.name, help=command.help, description=command.help)

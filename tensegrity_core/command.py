@@ -11,10 +11,11 @@ from typing import Callable, NamedTuple
 import numpy as np
 
 from . import statics
-from .errors import InputError
+from .errors import InputError, shown
 from .inputs import grid
 from .model import Model
 from .scene import builtin_scenes, load_scene
+from .scene_files import is_file
 
 MOST_STEPS = 1_000_000  # every communication point is kept in memory
 
@@ -28,6 +29,13 @@ class Command(NamedTuple):
     run: Callable[[argparse.Namespace], int]
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose messages are those of the project's errors: one line of bounded length."""
+
+    def error(self, message: str):
+        super().error(shown(message))
+
+
 def scene_argument(parser: argparse.ArgumentParser) -> None:
     names = ", ".join(builtin_scenes())
     parser.add_argument("scene", metavar="SCENE", help=f"path of a scene file (.toml), or one of: {names}")
@@ -35,7 +43,7 @@ def scene_argument(parser: argparse.ArgumentParser) -> None:
 
 def model_of(name: str) -> tuple[Model, str]:
     """The model of a scene that was named on the command line, and the scene's kind of start."""
-    if not name.endswith(".toml") and name not in builtin_scenes() and Path(f"{name}.toml").is_file():
+    if not name.endswith(".toml") and name not in builtin_scenes() and is_file(Path(f"{name}.toml")):
         raise InputError(f"{name} is neither a built-in scene nor a .toml file; did you mean {name}.toml?")
     scene = load_scene(name)
     return statics.build_model(scene), scene.start

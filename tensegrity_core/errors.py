@@ -1,10 +1,21 @@
-"""The project's exceptions.  Each message names the offending thing, its value and the remedy."""
+"""The project's exceptions.  Each message names the offending thing, its value and the remedy, in one line of bounded length."""
 
 from __future__ import annotations
 
+LONGEST = 1500  # letters of a message
+LONGEST_PART = 500  # of the problem or the remedy of a SceneError
+LONGEST_FILE = 300
+LONGEST_VALUE = 120
+
 
 class TensegrityError(Exception):
-    """Base class of every error that a user of this package can cause."""
+    """Base class of every error that a user of this package can cause.  It can be passed between processes."""
+
+    def __init__(self, message: str):
+        super().__init__(shown(message))
+
+    def __reduce__(self):
+        return _again, (type(self), self.args, self.__dict__)
 
 
 class SceneError(TensegrityError):
@@ -15,7 +26,8 @@ class SceneError(TensegrityError):
 
     def __init__(self, file: str, key: str, value: object, problem: str, remedy: str):
         self.file, self.key, self.value, self.problem, self.remedy = file, key, value, problem, remedy
-        super().__init__(one_line(f"{file}: {_short(key)} = {_short(_written(value))}: {problem}. {remedy}"))
+        place = f"{_cut(file, LONGEST_FILE)}: {_short(key)} = {_short(_written(value))}"
+        super().__init__(f"{place}: {_cut(problem, LONGEST_PART)}. {_cut(remedy, LONGEST_PART)}")
 
 
 class InputError(TensegrityError):
@@ -30,13 +42,28 @@ class SimulationError(TensegrityError):
         super().__init__(f"{status} at t = {time!r} s: {message}")
 
 
-def one_line(text: str) -> str:
-    """A text as one line that can be printed: control characters and the like as their escapes."""
-    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
+def shown(text: str) -> str:
+    """A text as a message: one line that can be printed, with control characters and the like as their escapes, and not too long."""
+    letters = (letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in _cut(text, LONGEST))
+    return _cut("".join(letters), LONGEST)
+
+
+def _cut(text: str, longest: int) -> str:
+    """The text without its middle where it is too long: what a message is about stands first, what to do last."""
+    if len(text) <= longest:
+        return text
+    tail = (longest - 5) // 2
+    return f"{text[: longest - 5 - tail]} ... {text[-tail:]}"
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= 120 else text[:117] + "..."
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def _again(kind: type, args: tuple, state: dict) -> TensegrityError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 def _written(value: object) -> str:

@@ -81,8 +81,11 @@ def require_writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
     shown = f"output = {str(path)!r}"
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{shown} does not end in {' or '.join(suffixes)}; name such a file")
-    if path.is_dir():
-        raise InputError(f"{shown} is a folder; name a file in it")
-    if not path.parent.is_dir():
-        raise InputError(f"{shown}: the folder {path.parent} does not exist; make it first")
+    try:
+        if path.is_dir():
+            raise InputError(f"{shown} is a folder; name a file in it")
+        if not path.parent.is_dir():
+            raise InputError(f"{shown}: the folder {path.parent} does not exist; make it first")
+    except (OSError, ValueError) as failure:  # a name that is too long, a folder that cannot be looked into, a null character
+        raise InputError(f"{shown} cannot be written: {getattr(failure, 'strerror', None) or failure}; name another file") from None
     return path

@@ -37,6 +37,9 @@ OWNER, FILLED = "owner", "files"
 #: Without locks: how long after its last change something that nobody has open counts as left behind, s.
 ABANDONED = 3600.0
 
+#: A folder cannot be renamed to a place where there is another.
+_TAKEN = (errno.ENOTEMPTY, errno.EEXIST, *(() if fcntl else (errno.EACCES,)))
+
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL
 _HARMLESS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
@@ -233,9 +236,9 @@ def _exchange(fresh: Path, path: Path) -> None:
     for attempt in range(100):
         try:
             return os.rename(fresh, path)
-        except OSError:
-            if not path.is_dir() or path.is_symlink():
-                raise
+        except OSError as failure:
+            if failure.errno not in _TAKEN or path.is_symlink() or path.is_file():
+                raise  # else another folder was there at that moment, though it may be gone by now
         with contextlib.suppress(FileNotFoundError):
             os.rename(path, fresh.with_name(f"old{attempt}"))
     return os.rename(fresh, path)

@@ -158,7 +158,9 @@ def _positive(kind: str, **values: float) -> None:
 
 def _leaf(stretches: list[Stretch], pieces: list[Stretch] | None = None) -> Law:
     """A law that counts as snapped from its first falling stretch on."""
-    falls = next((i for i, one in enumerate(stretches) if one.sign < 0), len(stretches))
+    falls = next((i for i, one in enumerate(stretches) if one.sign < 0), None)
+    if falls is None:
+        return Law(stretches, stretches)
     counted = [Stretch(s.curve, s.start, s.end, s.first, s.last, int(i >= falls), s.joined) for i, s in enumerate(stretches)]
     return Law(counted, counted)
 
@@ -225,8 +227,8 @@ def _table_curves(table: Table) -> list[tuple[PolynomialCurve, float, float]]:
     else:
         raise InputError(f"table.interpolation = {table.interpolation!r}: use 'linear' or 'cubic'")
     found, base = [], 0.0
-    for row, a, b, value in zip(rows, x, x[1:], f):
-        curve = PolynomialCurve(a, (value, *row[1:].tolist()), base)
+    for (_, *slopes), a, b, value in zip(rows.tolist(), x, x[1:], f):
+        curve = PolynomialCurve(a, (value, *slopes), base)
         found.append((curve, a, b))
         base = curve.energy(b)
     curve, a, b = found[-1]
@@ -392,11 +394,12 @@ def damping(damper: Damper) -> Damping:
         _check_coefficients("damper", damper.coefficients)
         curve = PolynomialCurve(0.0, (0.0, *damper.coefficients), 0.0)
         curves, stretches = [(curve, 0.0, math.inf)], monotone(curve, 0.0, math.inf)
+        lowest = [(one.first, one.start) if one.sign >= 0 else (one.last, one.end) for one in stretches]
     else:
         curves = _table_curves(damper)
-        stretches = [stretch(*one) for one in curves]
-    for one in stretches:
-        low, at = (one.first, one.start) if one.sign >= 0 else (one.last, one.end)
+        falls = curves[-1][0].value(damper.x[-1])[1] < 0.0
+        lowest = [*zip(damper.f, damper.x), (-math.inf if falls else 0.0, math.inf)]
+    for low, at in lowest:
         if low < 0.0:
             raise InputError(f"damper: the force falls to {low!r} N at a rate of {at!r} m/s, where it would drive the string; "
                              "keep it at 0 or above for rates > 0")

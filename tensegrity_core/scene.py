@@ -52,6 +52,7 @@ MOST_LEVELS = 20  # of elements in each other
 MOST_PARTS = 1000  # elements that one string may be made of
 MOST_MEMORY = 12  # beams and other parts that snap in one series with memory
 MOST_BEAMS = 60  # of an NSH without memory
+MOST_POINTS = 50_000  # of all tables of a scene
 MOST_COST = 4.0  # s, about what working out all force laws may take; see `costs`
 
 Name = Annotated[str, StringConstraints(pattern=IDENTIFIER, max_length=LONGEST_NAME)]
@@ -721,6 +722,17 @@ def _check_dampers(scene: Scene) -> Iterator[SceneError]:
             yield from _point_errors(scene, f"dampers.{name}", "rate", entry.rate, entry.force)
 
 
+def _check_points(scene: Scene) -> Iterator[SceneError]:
+    """Tables that are too long to be worked out soon."""
+    lists = [(f"elements.{name}.elongation", entry.elongation) for name, entry in scene.elements.items()]
+    total = 0
+    for key, points in lists + [(f"dampers.{name}.rate", entry.rate) for name, entry in scene.dampers.items()]:
+        total += len(points or ())
+        if total > MOST_POINTS:
+            problem = f"makes {total} points of tables in this scene, more than {MOST_POINTS}"
+            yield scene.error(key, problem, 'Leave out points; interpolation = "cubic" needs fewer for a smooth curve.')
+
+
 def _key_errors(scene: Scene, key: str, entry: Entry, what: str, must: tuple, may: tuple) -> Iterator[SceneError]:
     """Keys that are missing in a table, or that belong to another kind."""
     for field, about in type(entry).model_fields.items():
@@ -746,7 +758,7 @@ def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Ite
             yield scene.error(f"{key}.{along}[{at}]", problem, "Leave out one of the two points.")
 
 
-CHECKS = (_check_names, _check_coordinates, _check_elements, _check_dampers, _check_references, _check_members,
+CHECKS = (_check_names, _check_coordinates, _check_points, _check_elements, _check_dampers, _check_references, _check_members,
           _check_honeycombs, _check_loads, _check_costs)
 
 

@@ -22,7 +22,8 @@ BUILTIN_SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_b
 IDENTIFIER = r"^[A-Za-z][A-Za-z0-9_]*$"
 
 MOST_BYTES = 4_000_000  # of a scene's files together; a tower of 3000 bars has 1.6 million
-MOST_VALUES = 200_000  # of a file, lists counted as one; such a tower has 75 000
+MOST_ENTRIES = 300_000  # of these files: marks that begin or end a key, a value or a list; such a tower has 160 000
+MOST_VALUES = 200_000  # of data from Python, lists counted as one; such a tower has 75 000
 MOST_DEPTH = 20  # of tables and lists in each other; a scene has four
 MOST_SCENES = 200  # that a scene extends, itself or by others
 MOST_BELOW = 50  # scenes of which each extends the next
@@ -55,7 +56,7 @@ class _Reading:
     """One scene with all that it extends: every file is read once, and all of them are bounded together."""
 
     def __init__(self):
-        self.bytes, self.scenes = 0, 0
+        self.bytes, self.entries, self.scenes = 0, 0, 0
         self.known: dict[Path, tuple[dict, Origin]] = {}
 
     def read(self, path: Path, below: tuple[Path, ...]) -> tuple[dict, Origin]:
@@ -79,6 +80,10 @@ class _Reading:
         if self.bytes > MOST_BYTES:
             problem = f"is too large: a scene's files may have {MOST_BYTES} bytes together"
             raise SceneError(str(path), "(file)", str(path), problem, "Leave out what the scene does not need.")
+        self.entries += sum(data.count(mark) for mark in b",=[")
+        if self.entries > MOST_ENTRIES:
+            problem = f"has about {self.entries} keys and values with what it extends, more than {MOST_ENTRIES}"
+            raise SceneError(str(path), "(file)", str(path), problem, "Leave out what the scene does not need, or points of tables.")
         try:
             return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
         except UnicodeDecodeError as failure:
@@ -165,14 +170,15 @@ def plain(data: Any, path: Path, depth: int = 0) -> Any:
 def _base_path(path: Path, base: str, below: tuple[Path, ...]) -> Path:
     """Where the scene stands that `path` extends; `below`: the files that led to `path`."""
     found = path.parent / base if base.endswith(".toml") else SCENE_FOLDER / f"{base}.toml"
-    if not re.fullmatch(IDENTIFIER, base) and not base.endswith(".toml") or not _is_file(found):
+    if not re.fullmatch(IDENTIFIER, base) and not base.endswith(".toml") or not is_file(found):
         raise SceneError(str(path), "extends", base, f"{found} does not exist", f"Give {EXTENDS_MEANING}.")
     if _resolved(found) in (*below, _resolved(path)):
         raise SceneError(str(path), "extends", base, "closes a circle of scenes", "Extend a scene outside it.")
     return found
 
 
-def _is_file(path: Path) -> bool:
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; not where the file system can have none of this name."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long for the file system, or with a null character

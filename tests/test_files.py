@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import errno
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -206,6 +208,26 @@ def test_many_writers_of_one_file(tmp_path):
         assert process.wait() == 0
     assert reads > 0 and sorted(path.name for path in tmp_path.iterdir()) == ["both", "shared"]
     assert (tmp_path / "both" / "one").read_bytes() == (tmp_path / "both" / "two").read_bytes()
+
+
+def test_a_folder_that_another_writer_takes_away_in_between(tmp_path, monkeypatch):
+    """It was there when this one was to take its place, and is not when one looks why that failed."""
+    both, rename = tmp_path / "both", os.rename
+    both.mkdir()
+    (both / "before").touch()
+
+    def meanwhile(old, new):
+        if Path(new) == both and both.exists():
+            with pytest.raises(OSError):
+                rename(old, new)
+            shutil.rmtree(both)
+            raise OSError(errno.ENOTEMPTY, "Directory not empty")
+        rename(old, new)
+
+    monkeypatch.setattr(os, "rename", meanwhile)
+    with replacing_folder(both) as fresh:
+        (fresh / "after").touch()
+    assert [path.name for path in both.iterdir()] == ["after"] and list(tmp_path.iterdir()) == [both]
 
 
 # --- all writers ---------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Scenes that ask too much: too large, too deep, too far apart.  Each is refused in one line, or is answered soon."""
 
 import os
+import pickle
 import subprocess
 import sys
 from collections import Counter
@@ -12,9 +13,9 @@ from test_scene import GOOD, write
 from tensegrity_core import laws, scene_files
 from tensegrity_core.cli import main
 from tensegrity_core.elements import Beam, Parallel, Series, Spring, simplified
-from tensegrity_core.errors import InputError, SceneError
+from tensegrity_core.errors import InputError, SceneError, SimulationError
 from tensegrity_core.scene import load_scene, parse_scene
-from tensegrity_core.statics import build_model
+from tensegrity_core.statics import TooLarge, build_model
 
 ROOT = fuzz_scenes.ROOT
 BEAM = '[elements.e0]\nkind = "beam"\nQ = 6.0\nzeta = 5.0\nh = 0.01\n'
@@ -31,6 +32,13 @@ def fixed_nodes(count: int) -> str:
     names = ", ".join(f'"q{i}"' for i in range(count))
     nodes = "".join(f"q{i} = [{i}.0, 5.0]\n" for i in range(count))
     return GOOD.replace('["n1", "n2"]', f'["n1", "n2", {names}]', 1).replace("[nodes]\n", f"[nodes]\n{nodes}")
+
+
+def table(points: int, along: str = "elongation", zigzag: bool = False, fall: bool = False) -> str:
+    """An element or a damper of so many points, nearly a line."""
+    head = '[elements.t]\nkind = "table"' if along == "elongation" else "[dampers.t]"
+    forces = [0.01 * i + (zigzag and i % 2) for i in range(points - 1)] + [-1.0 if fall else 0.01 * points]
+    return f"\n{head}\n{along} = {[0.001 * i for i in range(points)]}\nforce = {forces}\n"
 
 
 #: The scene, and the key and a part of the problem of its error; None: it is a good one.
@@ -52,6 +60,8 @@ CASES = {
     "a node with a bracket and a superscript": (GOOD.replace("n3 = [", '"a[²]" = ['), "nodes.a[²]", "identifier"),
     "a key of two lines": (GOOD + '\n"a\\nb" = 1\n', "prestress.a\nb", "not a key"),
     "extends 300 letters": (f'extends = "{"a" * 300}.toml"\n' + GOOD, "extends", "does not exist"),
+    "extends 5000 letters": (f'extends = "{"a" * 5000}.toml"\n' + GOOD, "extends", "does not exist"),
+    "extends a scene of 5000 letters": (f'extends = "{"a" * 5000}"\n' + GOOD, "extends", "does not exist"),
     "extends a null character": ('extends = "a\\u0000.toml"\n' + GOOD, "extends", "does not exist"),
     "a key of 3000 parts": (GOOD + "\n[x]\n" + ".".join("a" * 3000) + " = 1\n", "line 33", "20 deep"),
     "a key of 300 000 parts": (GOOD + "\n[x]\n" + ".".join("a" * 300_000) + " = 1\n", "line 33", "20 deep"),
@@ -61,7 +71,14 @@ CASES = {
     "extends 20 000 scenes": ("extends = [" + '"three_bar", ' * 20_000 + "]\n", "extends", "20000 scenes"),
     "30 000 fixed nodes": (fixed_nodes(30_000), None, ""),
     "a name of 400 000 letters": (GOOD.replace("s2 = {", f"s{'_a' * 200_000} = {{"), None, "more than 128 letters"),
-    "many values": (GOOD + "".join(f"k{i} = 1\n" for i in range(201_000)), "(file)", "more than 200000"),
+    "many values": (GOOD + "".join(f"k{i} = 1\n" for i in range(301_000)), "(file)", "more than 300000"),
+    "two million zeros": (f"x = [{'0,' * 1_900_000}]\n{GOOD}", "(file)", "more than 300000"),
+    "a table of 200 000 points": (GOOD + table(200_000), "(file)", "more than 300000"),
+    "a table of 60 000 points": (GOOD + table(60_000), "elements.t.elongation", "60000 points"),
+    "a damper of 60 000 points": (GOOD + table(60_000, "rate"), "dampers.t.rate", "60000 points"),
+    "a damper of 10 000 points that rises and falls": (GOOD + table(10_000, "rate", zigzag=True), None, ""),
+    "a table of 10 000 points that ends below 0": (GOOD + table(10_000, fall=True), "elements.t", "beyond the last"),
+    "a damper of 10 000 points that ends below 0": (GOOD + table(10_000, "rate", fall=True), "dampers.t", "falls to -"),
     "a large file": (GOOD + "#" * 5_000_000, "(file)", "too large"),
     "a mass of nearly nothing": (GOOD.replace("mass = 1.0", "mass = 5e-324"), "bars.b1.mass", "less than 1e-15"),
     "a mass that is too light for its strings": (GOOD.replace("mass = 1.0", "mass = 1e-14"), "bars.b", "beside the stiff"),
@@ -101,6 +118,53 @@ def test_a_description_that_the_terminal_cannot_show(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONIOENCODING": "ascii"}, cwd=ROOT)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("bridge: \\u6a4b\n")
+
+
+# --- messages ----------------------------------------------------------------------------------------------------
+
+LONG = "many\n\x07words of it " * 10_000
+
+ERRORS = {
+    "scene": SceneError(LONG, LONG, LONG, LONG, LONG + "the remedy"),
+    "values": SceneError("scene.toml", "elements.t", {"force": [0.1] * 100_000}, "falls", "Sort it: the remedy"),
+    "input": InputError(f"{LONG}; the remedy"),
+    "run": SimulationError("unstable", f"{LONG}: the remedy", 0.5),
+    "other": TooLarge(f"{LONG}: the remedy"),
+}
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+def test_a_message_is_one_line_of_bounded_length_that_keeps_its_ends(kind):
+    text = str(ERRORS[kind])
+    assert len(text) <= 1500 and text.isprintable()
+    assert text.startswith(("many", "scene.toml: elements.t = ", "unstable at t = 0.5 s: ")) and "the remedy" in text[-15:]
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+def test_errors_pass_between_processes(kind):
+    """A worker's error that its parent cannot read would end all workers."""
+    before = ERRORS[kind]
+    after = pickle.loads(pickle.dumps(before))
+    assert (type(after), str(after), vars(after)) == (type(before), str(before), vars(before))
+
+
+WORDS = ("check {0}", "check {0}.toml", "check {0}/a.toml", "{0}", "simulate two_bar --force {0}.z=1", "simulate two_bar --step {0}",
+         "simulate two_bar --output {0}.csv", "simulate two_bar --output {0}/a.csv", "animate two_bar --output {0}.gif",
+         "path two_bar --force n4.z=1 --to 2 --output {0}.csv", "modes two_bar --figure {0}.png", "tower 1 --output {0}.toml",
+         "experiment beam --output {0}")  # fmt: skip
+
+
+@pytest.mark.parametrize("words", WORDS)
+@pytest.mark.parametrize("letters", [300, 5000])
+def test_a_command_that_is_given_a_long_word_says_so_in_one_line(words, letters, capsys):
+    """No file system has such names."""
+    try:
+        code = main(words.format("x" * letters).split())
+    except SystemExit as end:  # from argparse, which prints how the command is used before
+        code = end.code
+    printed = capsys.readouterr()
+    assert (code, printed.out) == (2, "")
+    assert len(printed.err) <= 1501 or printed.err.startswith("usage") and len(printed.err) < 2500
 
 
 # --- extends -----------------------------------------------------------------------------------------------------
