@@ -35,22 +35,34 @@
 
 enum { EXPLICIT, ROSENBROCK, RADAU };                    /* places of the methods */
 enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT };    /* trials */
-static const int32_t method_of[TS_CHOICES] = {TS_METHOD_DOP853, TS_METHOD_RODAS5P, TS_METHOD_RADAU9};
 
-static int place_of(int32_t method)
+/* The methods, by their places.  An attempt of usual effort costs so many explicit steps: `steps`, and `solves` for each number
+ * in the blocks of the factor over the strings, which are the work of the right-hand side; measured on scenes of two to thirty
+ * bars. */
+static const struct {
+    int32_t method;
+    double steps, solves;
+} choices[TS_CHOICES] = {
+    {TS_METHOD_DOP853, 1.0, 0.0},
+    {TS_METHOD_RODAS5P, 1.2, 0.045},
+    {TS_METHOD_RADAU9, 1.6, 0.155},
+};
+
+/* The place of the method in use; TS_CHOICES: it is none of these. */
+static int place_in_use(const ts_sim *sim)
 {
-    return method == TS_METHOD_DOP853 ? EXPLICIT : method == TS_METHOD_RODAS5P ? ROSENBROCK : RADAU;
+    int place = 0;
+    while (place < TS_CHOICES && choices[place].method != sim->memory.active) place++;
+    return place;
 }
 
 static int other_implicit(int place) { return ROSENBROCK + RADAU - place; }
 
-/* How many explicit steps an attempt of usual effort costs: measured on scenes of two to thirty bars, and fitted to the
- * blocks of the factor (its solves) over the strings (the right-hand side). */
 static double cost_of(const ts_sim *sim, int place)
 {
     int D = sim->m.count[TS_D], S = sim->m.count[TS_S];
     double blocks = (double)(D * D) * sim->pattern.entries / (S > 0 ? S : 1);
-    return place == EXPLICIT ? 1.0 : place == RADAU ? 1.6 + 0.155 * blocks : 1.2 + 0.045 * blocks;
+    return choices[place].steps + choices[place].solves * blocks;
 }
 
 /* The longest step that a method may take in the present call, s: those of rodas5p end at communication points. */
@@ -73,7 +85,7 @@ static double best_price(const ts_sim *sim, int place) { return price(sim, place
 static void use(ts_sim *sim, int place, double h)
 {
     ts_choice *c = &sim->memory.choice;
-    sim->memory.active = method_of[place];
+    sim->memory.active = choices[place].method;
     sim->memory.h_next = h;
     sim->memory.stiff = 0;
     if (place != EXPLICIT) c->effort[place] = 1.0; /* what it was belongs to another time */
@@ -106,7 +118,8 @@ void ts_start_choice(ts_sim *sim)
 int ts_choice_is_possible(const ts_sim *sim)
 {
     const ts_choice *c = &sim->memory.choice;
-    return c->incumbent >= -1 && c->incumbent < TS_CHOICES && c->preferred >= 0 && c->preferred < TS_CHOICES;
+    int chosen = sim->memory.method != TS_METHOD_AUTO || place_in_use(sim) < TS_CHOICES;
+    return chosen && c->incumbent >= -1 && c->incumbent < TS_CHOICES && c->preferred >= 0 && c->preferred < TS_CHOICES;
 }
 
 /* Could steps of a method be cheaper than explicit ones of length h at all? */
@@ -226,8 +239,8 @@ static void count(ts_sim *sim, int place, double h)
 void ts_review_step(ts_sim *sim, double h)
 {
     ts_choice *c = &sim->memory.choice;
-    int place = place_of(sim->memory.active);
     if (sim->memory.method != TS_METHOD_AUTO) return;
+    int place = place_in_use(sim);
     c->effort[place] += FADE * (sim->memory.choice.taken + c->failed - c->effort[place]);
     c->natural[place] = place == EXPLICIT ? h : sim->memory.h_next;
     c->steps++;
@@ -242,9 +255,9 @@ void ts_review_step(ts_sim *sim, double h)
 void ts_review_rejection(ts_sim *sim)
 {
     ts_choice *c = &sim->memory.choice;
-    int place = place_of(sim->memory.active);
-    double h = sim->memory.h_next;
     if (sim->memory.method != TS_METHOD_AUTO) return;
+    int place = place_in_use(sim);
+    double h = sim->memory.h_next;
     count(sim, place, 0.0);
     if (place == EXPLICIT) return;
     if (c->incumbent >= 0) {
@@ -273,8 +286,8 @@ static double transient_step(ts_sim *sim, double tau)
 void ts_review_restart(ts_sim *sim, double tau, double h)
 {
     ts_choice *c = &sim->memory.choice;
-    int place = place_of(sim->memory.active);
     if (sim->memory.method != TS_METHOD_AUTO) return;
+    int place = place_in_use(sim);
     count(sim, place, h);
     if (place == EXPLICIT && c->incumbent < 0) review_cut(sim);
     else if (!sim->force_jumps) return;
