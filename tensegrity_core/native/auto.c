@@ -27,11 +27,12 @@
 
 /* Intervals between trials, in steps of the method to try: the first, after a phase that paid or none; between methods of
  * which both do well; the longest, so that trials take a few hundredths of the work; growth of an interval when the trial
- * was lost. */
+ * was lost, and when a phase was: motion that dies away is soon worth implicit steps, and slow growth finds that out. */
 #define SOON 6.0
 #define LATER 15.0
 #define RAREST 50.0
 #define RARER 2.0
+#define RARER_PHASE 1.5
 
 enum { EXPLICIT, ROSENBROCK, RADAU };                    /* places of the methods */
 enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT };    /* trials */
@@ -174,7 +175,7 @@ static void end_phase(ts_sim *sim, int place, double h)
     c->preferred = paid ? place : other_implicit(place);
     c->incumbent = -1;
     sim->memory.patience = paid ? TS_PATIENCE : more < MOST_PATIENCE ? more : MOST_PATIENCE;
-    plan_trial(c, OF_IMPLICIT, paid ? SOON : RARER * c->interval[OF_IMPLICIT]);
+    plan_trial(c, OF_IMPLICIT, paid ? SOON : RARER_PHASE * c->interval[OF_IMPLICIT]);
     use(sim, EXPLICIT, h);
 }
 
