@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Callable, NamedTuple
 
 import numpy as np
+import scipy  # whose packages load when first named: they take longer than all else at a command's start
 from numpy.polynomial import polynomial
-from scipy.optimize import brentq
 
 from . import nsh
 
@@ -202,7 +202,7 @@ def turning_points(curve, start: float, end: float) -> list[float]:
 
 def _zero(function: Callable, low: float, high: float) -> float:
     """Root of a function that changes its sign between low and high."""
-    return float(brentq(function, low, high, xtol=1e-300, rtol=4.0 * EPS, maxiter=500))
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-300, rtol=4.0 * EPS, maxiter=500))
 
 
 def monotone(curve, start: float, end: float, snapped: int = 0, joined: bool = False) -> list[Stretch]:

@@ -26,8 +26,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import Radau
-from scipy.optimize import brentq
+import scipy
 
 from .curves import EPS, TIE, Chain, PolynomialCurve, RiseCurve, Stretch, rise, stretch
 from .elements import Series
@@ -296,9 +295,9 @@ def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
     found, begin, begin_fold = [], chain.start, False
     for a, b, before, after in zip(grid, grid[1:], growth, growth[1:]):
         if before > 0.0 >= after:
-            found.append((begin, brentq(chain.growth, a, b, xtol=1e-300, rtol=4.0 * EPS), (begin_fold, True)))
+            found.append((begin, scipy.optimize.brentq(chain.growth, a, b, xtol=1e-300, rtol=4.0 * EPS), (begin_fold, True)))
         elif before <= 0.0 < after:
-            begin, begin_fold = brentq(chain.growth, a, b, xtol=1e-300, rtol=4.0 * EPS), True
+            begin, begin_fold = scipy.optimize.brentq(chain.growth, a, b, xtol=1e-300, rtol=4.0 * EPS), True
     if len(growth) and growth[-1] > 0.0:
         found.append((begin, chain.end, (begin_fold, False)))
     return [(a, b, folds) for a, b, folds in found if chain.total(b) - chain.total(a) > TOGETHER * abs(chain.total(b))]
@@ -465,7 +464,7 @@ class _Flow:
         rate = self.rate(u)
         return (u >= self.end) & (rate >= 0.0) | (u <= 0.0) & (rate <= 0.0)
 
-    def _solver(self, u: np.ndarray, free: np.ndarray, whole: np.ndarray) -> Radau:
+    def _solver(self, u: np.ndarray, free: np.ndarray, whole: np.ndarray) -> scipy.integrate.Radau:
         def rate(_, v):
             whole[free] = v
             return self.rate(whole)[free]
@@ -474,9 +473,9 @@ class _Flow:
             whole[free] = v
             return -self.hessian(whole)[np.ix_(free, free)]
 
-        return Radau(rate, 0.0, u[free], math.inf, rtol=FLOW_RTOL, atol=FLOW_ATOL * self.m.width, jac=jacobian)
+        return scipy.integrate.Radau(rate, 0.0, u[free], math.inf, rtol=FLOW_RTOL, atol=FLOW_ATOL * self.m.width, jac=jacobian)
 
-    def _stopped(self, solver: Radau, before: float, free: np.ndarray) -> np.ndarray:
+    def _stopped(self, solver: scipy.integrate.Radau, before: float, free: np.ndarray) -> np.ndarray:
         """The free parts after a step that began at the time `before`; it ends where the first of them meets a stop."""
         end = self.end[free]
         if ((solver.y >= 0.0) & (solver.y <= end)).all():
@@ -487,7 +486,7 @@ class _Flow:
             v = dense(t)
             return float(min((end - v).min(), v.min()))
 
-        t = brentq(room, before, solver.t) if room(before) > 0.0 > room(solver.t) else solver.t
+        t = scipy.optimize.brentq(room, before, solver.t) if room(before) > 0.0 > room(solver.t) else solver.t
         v = dense(t)
         near = FLOW_RTOL * self.m.width
         return np.where(v >= end - near, end, np.where(v <= near, 0.0, v)) if t < solver.t else np.clip(v, 0.0, end)

@@ -20,7 +20,7 @@ from bisect import bisect_left
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from . import nsh as honeycomb
 from .curves import TIE, BeamCurve, HeldCurve, PolynomialCurve, RiseCurve, Stretch, SumCurve, monotone, rise, stretch
@@ -221,7 +221,7 @@ def _table_curves(table: Table) -> list[tuple[PolynomialCurve, float, float]]:
     if x[0] != 0.0 or f[0] != 0.0 or not (np.diff(x) > 0.0).all():
         raise InputError(f"table: x = {x!r}, f[0] = {f[0]!r}: let x increase from 0, with f[0] = 0")
     if table.interpolation == "cubic":
-        rows = PchipInterpolator(x, f).c[::-1].T
+        rows = scipy.interpolate.PchipInterpolator(x, f).c[::-1].T
     elif table.interpolation == "linear":
         rows = np.column_stack([f[:-1], np.diff(f) / np.diff(x)])
     else:

@@ -21,8 +21,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853, Radau
-from scipy.optimize import brentq, minimize_scalar
+import scipy
 
 from . import laws
 from . import nsh as honeycomb
@@ -56,14 +55,14 @@ from .result import Result, Transition
 
 
 class _Method(NamedTuple):
-    """A SciPy solver.
+    """A SciPy solver, by its name in scipy.integrate.
 
     scale: factor on rtol and atol that makes the methods alike in the error they reach; velocity: factor on atol for
     velocities, whose errors the dampers let die out; dense: whether its dense output is good enough for rows, otherwise
     it stops at every row; implicit: whether it wants a Jacobian.
     """
 
-    solver: type
+    solver: str
     scale: float
     velocity: float
     dense: bool
@@ -71,7 +70,7 @@ class _Method(NamedTuple):
 
 
 #: The methods that `simulate` accepts, besides 'auto'.
-METHODS = {"DOP853": _Method(DOP853, 1.0, 10.0, True, False), "Radau": _Method(Radau, 300.0, 1.0, False, True)}
+METHODS = {"DOP853": _Method("DOP853", 1.0, 10.0, True, False), "Radau": _Method("Radau", 300.0, 1.0, False, True)}
 #: Above this bound on the dampers' fastest rate (1/s) 'auto' takes Radau, below DOP853: about equal work there.
 STIFF = 2e4
 #: Largest deviation of the bars' constraints (see `drift`) that the integration carries along.
@@ -353,8 +352,8 @@ class _Run:
         if not np.isfinite(ydot(t, y)).all():
             raise self._failure(t, "a force is not finite")
         implicit = {"jac": self.jacobian(ydot)} if self.method.implicit else {}
-        return self.method.solver(ydot, t, y, end, rtol=self.rtol, atol=self.atol, first_step=min(first_step, end - t),
-                                  **implicit)
+        solver = getattr(scipy.integrate, self.method.solver)
+        return solver(ydot, t, y, end, rtol=self.rtol, atol=self.atol, first_step=min(first_step, end - t), **implicit)
 
     def _step(self, solver) -> None:
         t = solver.t
@@ -555,13 +554,14 @@ def _first_root(gap, times: np.ndarray, values: np.ndarray, level: float) -> flo
     else:
         k = int(np.argmin(values))
         low, high = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
-        lowest = minimize_scalar(gap, bounds=(low, high), method="bounded", options={"xatol": 1e-9 * (high - low)})
+        options = {"xatol": 1e-9 * (high - low)}
+        lowest = scipy.optimize.minimize_scalar(gap, bounds=(low, high), method="bounded", options=options)
         if lowest.fun >= level:
             return None
         high = float(lowest.x)
     for _ in range(60):
         if gap(low) > 0.0:
-            return float(brentq(gap, low, high, xtol=1e-300, rtol=1e-15))
+            return float(scipy.optimize.brentq(gap, low, high, xtol=1e-300, rtol=1e-15))
         if low > times[0]:
             return float(low)
         # The gap is closed at the start: has it opened since?

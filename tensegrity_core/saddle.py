@@ -27,7 +27,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from . import statics
 from .equilibrium import Equations
@@ -75,7 +75,7 @@ class Saddle:
         self._density = np.empty(count)
         self._half_square = 0.5 * equations.bar_length**2
         self._shape = (count, axes)
-        self._work = {size: int(lapack.dsysv_lwork(size)[0]) for size in (self.size, self.size + 1)}
+        self._work = {size: int(scipy.linalg.lapack.dsysv_lwork(size)[0]) for size in (self.size, self.size + 1)}
         self._wound = equations.loading.rest_length_direction if equations._winding else None
 
     def start(self, free: np.ndarray, parameter: float) -> np.ndarray:
@@ -148,7 +148,7 @@ class Saddle:
         """dz and nu for another force (n,) and nothing missing, of the bordered system that was solved last."""
         right = np.zeros(self.size + 1)
         right[: self.n] = force
-        found, _ = lapack.dsytrs(*self._factor, right, lower=1)
+        found, _ = scipy.linalg.lapack.dsytrs(*self._factor, right, lower=1)
         return found[:-1], float(found[-1])
 
     def curvature(self, direction: np.ndarray) -> float:
@@ -178,6 +178,6 @@ class Saddle:
     def _solved(self, right: np.ndarray) -> np.ndarray | None:
         size = right.shape[1]
         matrix = self._matrix[:size, :size].T  # of its lower triangle: the upper one of ours
-        factor, pivot, found, info = lapack.dsysv(matrix, right.T, lwork=self._work[size], lower=1, overwrite_b=1)
+        factor, pivot, found, info = scipy.linalg.lapack.dsysv(matrix, right.T, lwork=self._work[size], lower=1, overwrite_b=1)
         self._factor = factor, pivot
         return found.T if info == 0 else None

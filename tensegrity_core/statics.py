@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
-import scipy.sparse.linalg as sparse_linalg
+import scipy
 
 from . import hysteresis
 from . import laws
@@ -132,17 +131,46 @@ def equilibrium_matrix(model: Model) -> np.ndarray:
     Raises TooLarge: the matrix is dense.
     """
     _require_small(model, "the equilibrium matrix")
-    return _equilibrium(model).toarray()
+    found = _equilibrium(model)
+    matrix = np.zeros((_freedoms(model), len(model.strings) + len(model.bars)), order="F")
+    matrix[found.rows, found.columns] += found.values  # adds, so that no zero has a sign
+    return matrix
 
 
-def _equilibrium(model: Model) -> sparse.csc_array:
+class _Entries(NamedTuple):
+    """The equilibrium matrix by its entries, column by column; rows, columns, values: (E,); size: of rows, F*D.
+
+    Products with it need no package of sparse matrices, whose import takes longer than they do.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    size: int
+
+    def forces(self, tension: np.ndarray) -> np.ndarray:
+        """(F*D,) N: what members pull on the free nodes."""
+        return np.bincount(self.rows, self.values * tension[self.columns], self.size)
+
+    def along(self, field: np.ndarray, count: int) -> np.ndarray:
+        """(S+B,): a field (F*D,) on each of `count` members."""
+        return np.bincount(self.columns, self.values * field[self.rows], count)
+
+    def squares(self, count: int) -> np.ndarray:
+        """(S+B,): the columns' squared lengths, of `count` members."""
+        return np.bincount(self.columns, self.values**2, count)
+
+
+def _equilibrium(model: Model) -> _Entries:
     """The equilibrium matrix, sparse."""
     ends, place = members(model), places(model)
     along = model.nodes[ends[:, 1]] - model.nodes[ends[:, 0]]
     unit = (along / np.linalg.norm(along, axis=1)[:, None])[:, model.axes]
-    rows = np.stack([place[ends[:, 0]], place[ends[:, 1]]])
-    columns = np.arange(len(ends))[:, None]
-    return _sparse(rows, columns, np.stack([unit, -unit]), (_freedoms(model), len(ends)))
+    rows = np.stack([place[ends[:, 0]], place[ends[:, 1]]]).ravel()
+    columns = np.broadcast_to(np.arange(len(ends))[:, None], (2, *unit.shape)).ravel()
+    order = np.lexsort((rows, columns))
+    order = order[rows[order] >= 0]
+    return _Entries(rows[order], columns[order], np.stack([unit, -unit]).ravel()[order], _freedoms(model))
 
 
 def places(model: Model) -> np.ndarray:
@@ -163,11 +191,11 @@ def _dense(rows, columns, values, shape: tuple[int, int]) -> np.ndarray:
     return matrix[:-1, :-1]
 
 
-def _sparse(rows, columns, values, shape: tuple[int, int]) -> sparse.csc_array:
+def _sparse(rows, columns, values, shape: tuple[int, int]) -> scipy.sparse.csc_array:
     """The same as a sparse matrix."""
     rows, columns, values = (array.ravel() for array in np.broadcast_arrays(rows, columns, values))
     kept = (rows >= 0) & (columns >= 0)
-    return sparse.coo_array((values[kept], (rows[kept], columns[kept])), shape).tocsc()
+    return scipy.sparse.coo_array((values[kept], (rows[kept], columns[kept])), shape).tocsc()
 
 
 def _require_small(model: Model, what: str) -> None:
@@ -180,17 +208,16 @@ def _require_small(model: Model, what: str) -> None:
 def member_forces(model: Model, force=None) -> np.ndarray:
     """(S+B,) N at the model's start: the strings' elastic tensions, then the bar forces that balance best."""
     string_force = string_tension(model, _lengths(model.nodes, model.strings))
-    matrix, count = _equilibrium(model), len(model.strings)
-    rest = _rows(model, loads(model, force)) + matrix[:, :count] @ string_force
+    matrix, count, bars = _equilibrium(model), len(model.strings), len(model.bars)
+    rest = _rows(model, loads(model, force)) + matrix.forces(np.concatenate([string_force, np.zeros(bars)]))
     # least squares, bar by bar: their columns are orthogonal, as no two bars share a node
-    columns = matrix[:, count:]
-    bar_force = -(columns.T @ rest) / np.maximum(columns.power(2).sum(axis=0), 1e-300)
-    return np.concatenate([string_force, bar_force])
+    bar_force = -matrix.along(rest, count + bars) / np.maximum(matrix.squares(count + bars), 1e-300)
+    return np.concatenate([string_force, bar_force[count:]])
 
 
 def residual(model: Model, force=None) -> np.ndarray:
     """(F, D) N: unbalanced force on each free node at the model's start, bar forces chosen to balance best."""
-    unbalanced = _equilibrium(model) @ member_forces(model, force) + _rows(model, loads(model, force))
+    unbalanced = _equilibrium(model).forces(member_forces(model, force)) + _rows(model, loads(model, force))
     return unbalanced.reshape(-1, len(model.axes))
 
 
@@ -553,16 +580,16 @@ class _Factors:
 
     assembled = staticmethod(_sparse)
 
-    def __init__(self, tangent: sparse.csc_array):
+    def __init__(self, tangent: scipy.sparse.csc_array):
         self.tangent = (0.5 * (tangent + tangent.T)).tocsc()
         self.stiffest = float(abs(self.tangent).sum(axis=0).max(initial=0.0)) or 1.0  # a bound
 
     def factors(self, shift: float):
         """The factors of K + shift 1, None unless it is positive definite."""
-        shifted = self.tangent + shift * sparse.eye_array(self.tangent.shape[0], format="csc")
+        shifted = self.tangent + shift * scipy.sparse.eye_array(self.tangent.shape[0], format="csc")
         symmetric = {"SymmetricMode": True}
         try:
-            found = sparse_linalg.splu(shifted, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
+            found = scipy.sparse.linalg.splu(shifted, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
         except RuntimeError:  # singular
             return None
         # without row exchanges the pivots have the signs of the eigenvalues (Sylvester's law of inertia)
@@ -590,9 +617,9 @@ class _Factors:
         shift = 0.0 if count == 1 else 1e-4 * self.stiffest  # beside zeros others lose the digits that an inverse has of these
         while (factors := self.factors(shift)) is None:
             shift = max(4.0 * shift, NEUTRAL * self.stiffest)
-        inverse = sparse_linalg.LinearOperator(self.tangent.shape, factors.solve, dtype=float)
+        inverse = scipy.sparse.linalg.LinearOperator(self.tangent.shape, factors.solve, dtype=float)
         start = np.random.default_rng(0).standard_normal(len(factors.perm_r))
-        return sparse_linalg.eigsh(self.tangent, count, sigma=-shift, OPinv=inverse, v0=start)
+        return scipy.sparse.linalg.eigsh(self.tangent, count, sigma=-shift, OPinv=inverse, v0=start)
 
     def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
         """As of _Modes; a pull along a neutral direction is not left alone, but no step of infinite time follows it."""
@@ -607,7 +634,7 @@ class _Point(NamedTuple):
     """
 
     energy: float
-    basis: np.ndarray | sparse.csc_array
+    basis: np.ndarray | scipy.sparse.csc_array
     pull: np.ndarray
     tangent: _Modes | _Factors
 

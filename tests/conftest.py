@@ -5,6 +5,7 @@ With pytest-xdist the workers share what the first of them made.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -121,12 +122,27 @@ def instances(folders, pack):
 
 
 @pytest.fixture(scope="session")
+def tools(tmp_path_factory):
+    """The compiled peers of the benchmarks, see benchmarks/peers/toolchain.py; for tests that have benchmarks/ on their path."""
+    from peers import toolchain
+
+    def make(folder):
+        folder.mkdir()
+        (folder / "tools.json").write_text(json.dumps(toolchain.build(folder), default=str), encoding="utf-8")
+
+    folder = once(tmp_path_factory, "peers", make)
+    program, library, sundials = json.loads((folder / "tools.json").read_text(encoding="utf-8"))
+    return toolchain.Tools(Path(program), Path(library), sundials)
+
+
+@pytest.fixture(scope="session")
 def outside_python(tmp_path_factory) -> Path:
     """The interpreter of a fresh environment that has numpy and fmpy and nothing of this project."""
 
     def make(folder):
-        subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        command = [str(interpreter(folder)), "-m", "pip", "install", "--quiet", "numpy", "fmpy"]
+        subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
+        python = str(interpreter(folder))
+        command = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "numpy", "fmpy"]
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == 0, f"numpy and fmpy could not be installed:\n{done.stderr[-2000:]}"
 

@@ -32,11 +32,6 @@ from peers import native, toolchain  # noqa: E402
 from peers.ladder import Ladder, Run, too_long  # noqa: E402
 
 
-@pytest.fixture(scope="module")
-def tools(tmp_path_factory):
-    return toolchain.build(tmp_path_factory.mktemp("peers"))
-
-
 def bench(name: str, tools: toolchain.Tools, folder: Path) -> native.Bench:
     return native.Bench(problems.problem(name), tools, folder)
 
@@ -109,7 +104,7 @@ def test_sundials_solves_the_same_problem(tools, tmp_path, name):
 
 def test_missing_sundials_is_named(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(toolchain, "_sundials_version", lambda compiler: None)
-    monkeypatch.setattr(toolchain, "_compile", lambda command: None)
+    monkeypatch.setattr(toolchain, "_compile", lambda *_: None)
     tools = toolchain.build(tmp_path)
     assert tools.sundials is None
     assert "libsundials-dev" in capsys.readouterr().out
@@ -127,7 +122,8 @@ def test_right_hand_side_is_timed(tools, tmp_path):
     assert 1e-9 < bench("three_bar/50", tools, tmp_path).rhs_seconds(2) < 1e-5
 
 
-def test_quick_run_writes_page_figure_and_data(tmp_path, monkeypatch):
+def test_quick_run_writes_page_figure_and_data(tools, tmp_path, monkeypatch):
+    monkeypatch.setattr(toolchain, "build", lambda folder: tools)
     monkeypatch.setattr(work_precision.os, "sched_setaffinity", lambda *_: None, raising=False)
     arguments = ["--quick", "--problems", "three_bar/500", "--peers", "scipy", "--output", str(tmp_path)]
     work_precision.main(arguments)

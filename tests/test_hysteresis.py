@@ -206,6 +206,12 @@ def test_every_branch_is_a_stable_minimum(parts, power):
             check_minimum(branch, parts, k, scale)
 
 
+def derivative(function, x, step):
+    """Five-point difference: near a fold the curvature of a force spoils one of three points (7e-4 of it in 1 of 12 series)."""
+    near, far = (function(x + d) - function(x - d) for d in (step, 2.0 * step))
+    return (8.0 * near - far) / (12.0 * step)
+
+
 def check_minimum(branch, parts, k, scale):
     for share in (0.01, 0.3, 0.6, 0.99):
         x = branch.lower + share * (min(branch.upper, branch.lower + 1.0) - branch.lower)
@@ -222,9 +228,9 @@ def check_minimum(branch, parts, k, scale):
             assert np.linalg.eigvalsh(np.diag(slopes) + k)[0] > -1e-6 * (k + max(np.abs(slopes)))
         step = 1e-3 * (min(branch.upper, branch.lower + 1.0) - branch.lower)
         if 0.1 < share < 0.9:
-            slope = (branch.force(x + step) - branch.force(x - step)) / (2.0 * step)
+            slope = derivative(branch.force, x, step)
             assert branch.stiffness(x) == pytest.approx(slope, rel=1e-4, abs=1e-12 * scale / step)
-            power = (branch.energy(x + step) - branch.energy(x - step)) / (2.0 * step)
+            power = derivative(branch.energy, x, step)
             assert tension == pytest.approx(power, rel=1e-5, abs=1e-12 * scale * x / step)
 
 

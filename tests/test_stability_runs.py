@@ -155,11 +155,6 @@ def test_a_graze_is_found_once_or_where_the_tolerance_hides_it_not_at_all(grazes
             assert found == 2 or found == 0 and case.depth <= tolerance, (case.depth, tolerance, found)
 
 
-@pytest.fixture(scope="module")
-def tools(tmp_path_factory):
-    return toolchain.build(tmp_path_factory.mktemp("peers"))
-
-
 def excursion(case):
     """When the string goes slack and taut, s."""
     kernel = Kernel(case.problem.model, method="dop853", tolerance=1e-13)

@@ -52,21 +52,30 @@ def kernel_sources(without: str = "") -> list[str]:
 
 def compile_program(sources: list[str], target: Path, extra: list[str] | None = None) -> Path:
     """An executable with the kernel's flags; extra: further arguments, such as libraries."""
-    flags = [flag for flag in kernel_build.FLAGS if flag != "-shared"] + [f"-I{NATIVE}", f"-I{HERE}"]
-    _compile([*compiler(), *flags, *sources, *(extra or []), "-lm", "-o", str(target)])
+    _compile([*compiler(), *_flags(), *sources, *(extra or []), "-lm", "-o", str(target)])
     return target
 
 
-def _compile(command: list[str]) -> None:
-    run = subprocess.run(command, capture_output=True, text=True)
+def compile_objects(sources: list[str], folder: Path) -> list[str]:
+    """Object files of these sources, for libraries as well, with the kernel's flags; no two sources have one name."""
+    _compile([*compiler(), *_flags(), "-fPIC", "-c", *sources], folder)
+    return [str(folder / Path(source).with_suffix(".o").name) for source in sources]
+
+
+def _flags() -> list[str]:
+    return [flag for flag in kernel_build.FLAGS if flag != "-shared"] + [f"-I{NATIVE}", f"-I{HERE}"]
+
+
+def _compile(command: list[str], folder: Path | None = None) -> None:
+    run = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     if run.returncode:
         raise SystemExit(f"compiling failed; command: {' '.join(command)}\n{run.stderr}")
 
 
 def build(folder: Path) -> Tools:
     """Compile into a folder, with the flags of the kernel.  Says so where SUNDIALS is missing."""
-    peer = str(HERE / "peer.c")
-    sources = [str(HERE / "main.c"), peer, str(HERE / "kernel.c"), *kernel_sources()]
+    objects = compile_objects([str(HERE / "peer.c"), *kernel_sources()], folder)  # which both need
+    sources = [str(HERE / "main.c"), str(HERE / "kernel.c"), *objects]
     version = _sundials_version(compiler())
     extra = []
     if version:
@@ -76,5 +85,5 @@ def build(folder: Path) -> Tools:
         print(MISSING)
     program, library = folder / "peers", folder / "libpeers.so"
     compile_program(sources, program, extra)
-    compile_program([peer, *kernel_sources()], library, ["-shared", "-fPIC"])
+    compile_program(objects, library, ["-shared"])
     return Tools(program, library, version)
