@@ -27,6 +27,12 @@ def test_beams_that_tie_to_round_off():
     check(NSH((1.0, 0.5, 0.5000000000000001), (3.0, 3.0, 3.0), (0.03125, 0.03125, 0.03125)))
 
 
+@pytest.mark.parametrize("seed", [216, 230])
+def test_rises_between_maxima_that_nearly_tie(seed):
+    """Rises of 1e-9 of the force, at the end of which other parts' maxima tie with the leader's: there dx/du is round-off."""
+    check(tied(np.random.default_rng(seed), 1e-9))
+
+
 @pytest.mark.parametrize("kind", ["zeta", "Q"])
 def test_a_near_tie_is_a_tie(kind):
     """Beams of different shape whose maxima tie: by the last bits of a parameter neither the order nor the law changes."""

@@ -191,7 +191,7 @@ def check(honeycomb: NSH, parts=(0.31, 0.998)) -> int:
 
 
 if __name__ == "__main__":
-    looked = 0
+    looked, base = 0, [int(base) for base in sys.argv[2:]]    # further numbers seed other honeycombs
     for seed in range(int(sys.argv[1])):
-        looked += check(tied(np.random.default_rng(seed), DISTANCES[seed % len(DISTANCES)]))
+        looked += check(tied(np.random.default_rng([seed, *base] if base else seed), DISTANCES[seed % len(DISTANCES)]))
     print(f"{sys.argv[1]} honeycombs that tie, {looked} points, each of 4 laws: all within round-off of 40 digits")

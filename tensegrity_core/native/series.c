@@ -10,6 +10,8 @@
 #include <string.h>
 
 #define NARROW 1e-12 /* a rise shorter than this part of the elongation is none */
+#define STILL 4e-16  /* a step of Newton's method shorter than this part of u is none */
+#define MET 4e-15    /* elongations that are equal, as a part of them: a sum's round-off */
 
 /* Elongation where the leader stands at u, the force there and the elongation's derivative by u. */
 double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
@@ -33,11 +35,22 @@ double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
     return x;
 }
 
+/* Where to look next in the bracket a..b when the residual at u is `gap`, the one before it was `last`, and Newton's method
+ * divides by `slope`; u: that was the last step.  Where other parts stand at maxima that tie with the leader's, the slope is
+ * round-off, and may be huge: steps that do not halve the gap, and one of nothing where the gap is not nothing, say nothing. */
+static double look_next(double u, double a, double b, double gap, double last, double slope, int met)
+{
+    double next = u - gap / slope, middle = 0.5 * (a + b);
+    if (!(next > a && next < b) || fabs(gap) > 0.5 * fabs(last)) next = middle;
+    if (fabs(next - u) > STILL * fabs(u)) return next;
+    return met || !(b - a > 2.0 * STILL * fabs(u)) ? u : middle;
+}
+
 /* Force of the rise at an elongation: Newton inside a shrinking bracket. */
 double ts_rise_force(void *rise, double x)
 {
     ts_rise *r = (ts_rise *)rise;
-    double a = r->lo, b = r->hi, f, slope, u = r->u[r->leader];
+    double a = r->lo, b = r->hi, f, slope, u = r->u[r->leader], last = INFINITY;
     if (!(b < INFINITY))
         for (b = fmax(2.0 * a, a + 1e-3); ts_rise_elongation(r, b, &f, &slope) < x;) b = a + 2.0 * (b - a);
     if (!(u > a && u < b)) u = 0.5 * (a + b);
@@ -45,11 +58,10 @@ double ts_rise_force(void *rise, double x)
         double g = ts_rise_elongation(r, u, &f, &slope) - x;
         if (g == 0.0) return f;
         if (g > 0.0) b = u; else a = u;
-        double next = u - g / slope;
-        if (!(next > a && next < b)) next = 0.5 * (a + b);
-        double moved = fabs(next - u);
+        double next = look_next(u, a, b, g, last, slope, fabs(g) <= MET * fabs(x));
+        if (next == u) break;
         u = next;
-        if (moved <= 4e-16 * fabs(u)) break;
+        last = g;
     }
     ts_rise_elongation(r, u, &f, &slope);
     return f;
@@ -77,16 +89,16 @@ double ts_rise_off_fold(void *rise, double s)
 {
     ts_rise *r = (ts_rise *)rise;
     double fold = r->fold > 0 ? r->hi : r->lo, a = r->lo, b = r->hi, u = r->u[r->leader], f, slope;
+    double last = INFINITY;
     if (!(u > a && u < b)) u = 0.5 * (a + b);
     for (int n = 0; n < 200 && s > 0.0; n++) {
         double root = sqrt(off_fold(r, u, &slope)), g = r->fold * (s - root);
         if (g == 0.0) break;
         if (g > 0.0) b = u; else a = u;
-        double next = u - g * 2.0 * root / slope;
-        if (!(next > a && next < b)) next = 0.5 * (a + b);
-        double moved = fabs(next - u);
+        double next = look_next(u, a, b, g * 2.0 * root, last, slope, fabs(g) <= MET * s);
+        if (next == u) break;
         u = next;
-        if (moved <= 4e-16 * fabs(u)) break;
+        last = g * 2.0 * root;
     }
     ts_rise_elongation(r, s > 0.0 ? u : fold, &f, &slope);
     return f;
