@@ -58,7 +58,7 @@ AMPLITUDES = {"N": 20.0, "m": 0.003, "m/s": 0.02, "m/s2": 0.3, "A": 0.2}
 #: Where strings have an NSH: what lengths (m) may differ by, and times of transitions (s) and all else, relative to the largest
 #: value of the group's entry: an error of 1e-11 m of an elongation of 1e-3 m, and of what grows with it.
 ROOM, RELATIVE = 1e-11, 1e-8
-LENGTHS = ("position", "string_length", "rest_length", "nodes", "wound_rest_length", "breakpoints")
+LENGTHS = ("position", "string_length", "rest_length", "nodes", "wound_rest_length", "breakpoints", "m")
 #: Entries that count the solver's work: where strings have an NSH they are shown and not judged.
 WORK = ("stats",)
 
@@ -215,8 +215,10 @@ class Instance:
         self.answers.setdefault(name, []).append(np.array(values))
 
     def outputs(self, name: str) -> None:
-        """Note all outputs."""
-        self.note(f"{name}.real", self.fmu.getReal([v.valueReference for v in self.chosen("Real", causality="output")]))
+        """Note all outputs, those of each unit together."""
+        reals = self.chosen("Real", causality="output")
+        for unit in dict.fromkeys(v.unit for v in reals):
+            self.note(f"{name}.{unit}", self.fmu.getReal([v.valueReference for v in reals if v.unit == unit]))
         whole = self.chosen("Integer", causality="output")
         if whole:
             self.note(f"{name}.integer", self.fmu.getInteger([v.valueReference for v in whole]))
@@ -439,7 +441,7 @@ def verdict(found: list[Difference]) -> str:
     """What a group's line says."""
     if not found:
         return "identical bits"
-    largest = max(found, key=lambda one: (not one.allowed, one.size))
+    largest = max(found, key=lambda one: (not one.allowed, not one.name.startswith(WORK), one.size))
     names = ", ".join(f"{one.name} {one.why or format(one.size, '.1e')}" for one in found)
     return f"{'differs by at most' if largest.allowed else 'DIFFERS by'} {largest.size:.1e} ({largest.name}): {names}"
 
