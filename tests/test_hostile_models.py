@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 from driven_scenes import LABORATORY, built
 from element_scenes import mast
 from support import scene
@@ -93,6 +94,7 @@ test_hostile_models.run({first}, {count})
 
 
 def report(first: int, count: int) -> list[list[str]]:
+    pytest.importorskip("resource", reason="Windows has no way to bound the memory of a process")
     code = CHILD.format(here=str(Path(__file__).parent), first=first, count=count)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20 + 6 * count)
     rows = [line.split() for line in done.stdout.splitlines()]

@@ -218,6 +218,24 @@ def test_what_a_candidate_lacks_is_said(answer, words, host, python_folders, tmp
     runs(host, python_folders["two_bar"], "freed", PATH=path)
 
 
+def test_a_candidate_of_several_names_is_reported_once(host, python_folders, tmp_path):
+    """An environment without NumPy has `python`, `python3` and `python3.x`; links lead to it and to something that is no Python."""
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(tmp_path / "bare")], check=True)
+    other = fake(tmp_path / "other", "hello")
+    (tmp_path / "links").mkdir()
+    for name, target in {"python3": other, "python": other, "python3.11": "python3"}.items():
+        (tmp_path / "links" / name).symlink_to(target)
+    (tmp_path / "again").symlink_to(tmp_path / "bare")
+    path = os.pathsep.join(str(tmp_path / name) for name in ("other", "bare/bin", "links", "again/bin"))
+    done = call(host, python_folders["two_bar"], "freed", PATH=path)
+    message = done.stderr[: done.stderr.rindex("fmi2Instantiate: does not hold")] if done.returncode else ""
+    if done.returncode == 0:  # one of the usual folders, which are searched as well, has a Python that will do
+        pytest.skip("there is a Python with NumPy in /usr/bin or beside it")
+    assert message.count("does not answer as Python does") == 1 and other in message
+    lacks = [part for part in message.split("; ") if "has no NumPy" in part and str(tmp_path) in part]
+    assert len(lacks) == 1 and str(tmp_path / "bare" / "bin" / "python3") in lacks[0]
+
+
 def test_no_interpreter_at_all(host, python_folders, tmp_path):
     fails(host, python_folders["two_bar"], "there is no such program", "TENSEGRITY_PYTHON", TENSEGRITY_PYTHON="/no/python3")
     fails(host, python_folders["two_bar"], "there is no such program", TENSEGRITY_PYTHON=str(tmp_path))

@@ -42,6 +42,8 @@ int process_exists(const char *path)
     return found != INVALID_FILE_ATTRIBUTES && !(found & FILE_ATTRIBUTE_DIRECTORY);
 }
 
+char *process_target(const char *path) { return text_copy(path); } /* programs are copied here, not linked */
+
 /* No argument here holds a quotation mark. */
 static wchar_t *command_line(const char *program, const char *first, const char *second)
 {
@@ -118,6 +120,8 @@ int process_exists(const char *path)
     struct stat found;
     return !stat(path, &found) && S_ISREG(found.st_mode) && !access(path, X_OK);
 }
+
+char *process_target(const char *path) { return realpath(path, NULL); }
 
 static long now(void) /* ms */
 {

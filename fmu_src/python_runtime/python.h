@@ -113,6 +113,7 @@ void free_interpreter(interpreter *found);
 ptrdiff_t process_output(const char *program, const char *first, const char *second, char *output, size_t capacity);
 char *process_environment(const char *name); /* value in UTF-8, or as it is, malloc'ed; NULL: not set or empty */
 int process_exists(const char *path);        /* is there a file that could be run? */
+char *process_target(const char *path);      /* the path without links, malloc'ed; NULL: unknown */
 #if defined(_WIN32)
 wchar_t *process_wide(const char *text); /* from UTF-8, malloc'ed */
 #endif

@@ -27,15 +27,16 @@ static const char *const usual[] = {"/usr/local/bin", "/opt/homebrew/bin", "/usr
 
 /* Records of a key, a space and a value, each ended by 0.  Also an old Python must be able to say its version. */
 static const char question[] =
-    "import sys\n"
+    "import os,sys\n"
     "if sys.path and sys.path[0]=='':del sys.path[0]\n"
     "def say(key,value):\n"
     "    value=value if isinstance(value,bytes) else value.encode('utf-8','surrogateescape')\n"
     "    getattr(sys.stdout,'buffer',sys.stdout).write(key.encode()+b' '+value+b'\\0')\n"
     "say('version','%d.%d'%sys.version_info[:2])\n"
     "say('program',sys.executable)\n"
+    "say('prefix',os.path.realpath(sys.prefix))\n"
     "if sys.version_info>=(3,11):\n"
-    "    import os,importlib.util,sysconfig\n"
+    "    import importlib.util,sysconfig\n"
     "    get=sysconfig.get_config_var\n"
     "    say('numpy','yes' if importlib.util.find_spec('numpy') else 'no')\n"
     "    folders=[get('LIBDIR'),os.path.join(sys.base_prefix,'lib'),get('PYTHONFRAMEWORKPREFIX'),sys.base_prefix]\n"
@@ -84,8 +85,21 @@ static void *library_of(const char *answer, const char *end, const char *program
     return library;
 }
 
-/* Is it one that will do? */
-static int ask(const char *program, int minor, interpreter *found, report *why)
+/* Is it one that has not been seen before, by another name?  seen: lines, each with what identifies a candidate */
+static int is_new(const char *program, const char *version, const char *prefix, report *seen)
+{
+    report line = {NULL, 0, 0};
+    char *itself = version ? NULL : process_target(program);
+    report_add(&line, "\n%s %s\n", version ? version : "", version && prefix ? prefix : itself ? itself : program);
+    int found = line.text && (!seen->text || !strstr(seen->text, line.text));
+    if (found) report_add(seen, "%s", line.text);
+    free(itself);
+    free(line.text);
+    return found;
+}
+
+/* Is it one that will do?  seen: the candidates so far, of which each is reported once. */
+static int ask(const char *program, int minor, interpreter *found, report *seen, report *why)
 {
     char *answer = malloc(ANSWER + 1);
     ptrdiff_t size = answer ? process_output(program, "-c", question, answer, ANSWER) : -1;
@@ -97,6 +111,10 @@ static int ask(const char *program, int minor, interpreter *found, report *why)
         numpy = record(answer, end, "numpy");
     }
     int major = 0, its_minor = 0;
+    if (!is_new(program, version, answer ? record(answer, end, "prefix") : NULL, seen)) {
+        free(answer);
+        return 0;
+    }
     if (!version || sscanf(version, "%d.%d", &major, &its_minor) != 2) {
         report_add(why, "%s does not answer as Python does; ", program);
     } else if (major != 3 || its_minor < OLDEST) {
@@ -126,7 +144,8 @@ void free_interpreter(interpreter *found)
 typedef struct {
     interpreter *found;
     int minor, asked;
-    report seen; /* paths, each between line ends */
+    report tried; /* paths, each between line ends */
+    report seen;
     report *why;
 } hunt;
 
@@ -135,15 +154,15 @@ static int try_program(hunt *h, const char *folder, size_t length, const char *n
 {
     char line[4096];
     int n = snprintf(line, sizeof line, "\n%.*s%s%s\n", (int)length, folder, *name == *SLASH ? "" : SLASH, name);
-    if (!length || n < 0 || n >= (int)sizeof line || (h->seen.text && strstr(h->seen.text, line))) return 0;
-    report_add(&h->seen, "%s", line);
+    if (!length || n < 0 || n >= (int)sizeof line || (h->tried.text && strstr(h->tried.text, line))) return 0;
+    report_add(&h->tried, "%s", line);
     line[n - 1] = 0;
 #if defined(__APPLE__) /* a stub that asks the user to install tools, or too old */
     if (!strncmp(line + 1, "/usr/bin/", 9)) return 0;
 #endif
     if (!process_exists(line + 1) || h->asked >= MOST) return 0;
     h->asked++;
-    return ask(line + 1, h->minor, h->found, h->why);
+    return ask(line + 1, h->minor, h->found, &h->seen, h->why);
 }
 
 static int try_path(hunt *h, const char *path)
@@ -162,20 +181,21 @@ static int try_path(hunt *h, const char *path)
 
 int search_interpreter(interpreter *found, int minor, report *why)
 {
-    hunt h = {found, minor, 0, {NULL, 0, 0}, why};
+    hunt h = {found, minor, 0, {NULL, 0, 0}, {NULL, 0, 0}, why};
     char *named = process_environment("TENSEGRITY_PYTHON"), *home = process_environment("PYTHONHOME");
     char *path = process_environment("PATH");
     int done = 0;
     memset(found, 0, sizeof *found);
     if (named) {
         report_add(why, "TENSEGRITY_PYTHON=%s: ", named);
-        if (process_exists(named)) done = ask(named, minor, found, why);
+        if (process_exists(named)) done = ask(named, minor, found, &h.seen, why);
         else report_add(why, "there is no such program; ");
     } else {
         if (home) done = try_program(&h, home, strcspn(home, SEPARATOR == ':' ? ":" : ""), HOME_PROGRAM);
         if (!done) done = try_path(&h, path);
         if (!done && !h.asked) report_add(why, "no python3 is in the folders of PATH; ");
     }
+    free(h.tried.text);
     free(h.seen.text);
     free(named);
     free(home);
