@@ -13,6 +13,9 @@
  *   everything           every function once or more, also called wrongly
  *   walk SEED COUNT      COUNT random calls with hostile values, then a reset, and the run of a fresh instance; prints how
  *                        often each status came, a number that stands for their order, and how many steps succeeded
+ *   setters H FIRST STRIDE   each variable, and references that have none, set to each of many hostile values before the start
+ *                        and between steps of H s: every STRIDE-th case from FIRST on; prints how often each status came
+ *   states SEED COUNT    COUNT states with random pieces replaced, under right checksums; what is taken, steps; prints the same
  *   state WRITE|READ F   writes a serialised state to a file, or reads one (any bytes) and prints the status
  *   messages LOCALE      prints messages with numbers under a locale whose decimal point is a comma
  *   allocations          prints how often fmi2DoStep, fmi2SetReal and fmi2GetReal took memory (compiled with COUNTED)
@@ -640,6 +643,146 @@ static void walk(const fmu *f, uint64_t seed, long count)
     printf("%ld %ld %ld %ld %lu %ld\n", seen[0], seen[1], seen[2], seen[3], order, w.steps);
 }
 
+/* ---- Every value of every variable, and forged states ---- */
+
+static const double extreme[] = {0.0, -0.0, 1.0, -1.0, 5e-324, -5e-324, 1e-300, 1e-12, 1e12, 1e154, 1e155, 1e300, 1e308, -1e308,
+                                 DBL_MAX, -DBL_MAX, NAN, INFINITY, -INFINITY, 1e-3, 0.5, 2.0, 8.0, 1e3, -1e6};
+static const fmi2Integer extreme_whole[] = {0, 1, 2, 3, 4, 5, 6, 7, -1, 100, 65536, INT32_MAX, INT32_MIN};
+#define EXTREMES (sizeof extreme / sizeof *extreme)
+#define EXTREME_WHOLES (sizeof extreme_whole / sizeof *extreme_whole)
+
+typedef struct {
+    const fmu *f;
+    double h, *row;
+    long seen[4];
+} trial;
+
+static int happened(trial *t, fmi2Status status)
+{
+    require(status >= fmi2OK && status <= fmi2Error, "no status worse than fmi2Error");
+    t->seen[status]++;
+    return status <= fmi2Warning;
+}
+
+/* A step, all that can be read after it, and the state as bytes.  What is fmi2OK is finite. */
+static void used(trial *t, fmi2Component c)
+{
+    const fmu *f = t->f;
+    fmi2ValueReference vr[1024];
+    fmi2Integer one[1024];
+    double at = 0.0;
+    size_t size;
+    f->fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &at);
+    int taken_here = happened(t, f->fmi2DoStep(c, at, t->h, fmi2True));
+    for (size_t i = 0; i < f->outputs; i++) vr[i] = f->first_output + (fmi2ValueReference)i, one[i] = 1;
+    if (f->fmi2GetReal(c, vr, f->outputs, t->row) == fmi2OK && taken_here)
+        for (size_t i = 0; i < f->outputs; i++) require(isfinite(t->row[i]), "outputs after fmi2OK are finite");
+    if (f->fmi2GetRealOutputDerivatives(c, vr, f->outputs, one, t->row) == fmi2OK)
+        for (size_t i = 0; i < f->outputs; i++) require(isfinite(t->row[i]), "derivatives with fmi2OK are finite");
+    free(serialised(f, c, &size));
+}
+
+/* Case n of a reference: a value, real or whole, before the start or after it. */
+static void set_once(trial *t, fmi2Component c, fmi2FMUstate run_on, fmi2ValueReference vr, size_t n)
+{
+    const fmu *f = t->f;
+    int late = n >= EXTREMES + EXTREME_WHOLES;
+    n %= EXTREMES + EXTREME_WHOLES;
+    if (late) require(f->fmi2SetFMUstate(c, run_on) == fmi2OK, "fmi2SetFMUstate");
+    else require(f->fmi2Reset(c) == fmi2OK, "fmi2Reset");
+    fmi2Status status = n < EXTREMES ? f->fmi2SetReal(c, &vr, 1, extreme + n)
+                                     : f->fmi2SetInteger(c, &vr, 1, extreme_whole + (n - EXTREMES));
+    if (!happened(t, status)) return;
+    if (!late) {
+        f->fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0);
+        if (f->fmi2EnterInitializationMode(c) != fmi2OK || !happened(t, f->fmi2ExitInitializationMode(c))) return;
+    }
+    used(t, c);
+}
+
+static void print_seen(const trial *t) { printf("%ld %ld %ld %ld\n", t->seen[0], t->seen[1], t->seen[2], t->seen[3]); }
+
+static void setters(const fmu *f, double h, long first, long stride)
+{
+    trial t = {f, h, rows_for(f, 1), {0}};
+    fmi2Component c = started(f);
+    fmi2FMUstate run_on = NULL;
+    run(f, c, PUSH, 0, 1, t.row);
+    require(f->fmi2GetFMUstate(c, &run_on) == fmi2OK, "fmi2GetFMUstate");
+    long each = 2 * (long)(EXTREMES + EXTREME_WHOLES), all = (long)(f->reals + 12) * each;
+    require(stride > 0 && first >= 0, "the cases");
+    for (long k = first; k < all; k += stride) set_once(&t, c, run_on, (fmi2ValueReference)(k / each), (size_t)(k % each));
+    require(f->fmi2SetFMUstate(c, run_on) == fmi2OK, "fmi2SetFMUstate");
+    used(&t, c);
+    f->fmi2FreeFMUstate(c, &run_on);
+    f->fmi2FreeInstance(c);
+    free(t.row);
+    print_seen(&t);
+}
+
+/* FNV-1a */
+static uint64_t hash(uint64_t sum, const char *bytes, size_t size)
+{
+    for (size_t i = 0; i < size; i++) sum = (sum ^ (unsigned char)bytes[i]) * 1099511628211u;
+    return sum;
+}
+
+#define HEAD 72 /* bytes of the runtime's own part, the last 8 of which are its checksum; the kernel's ends with one */
+
+static void sign(char *bytes, size_t size)
+{
+    uint64_t sum = hash(14695981039346656037u, bytes + HEAD, size - HEAD - sizeof sum);
+    memcpy(bytes + size - sizeof sum, &sum, sizeof sum);
+    memset(bytes + HEAD - sizeof sum, 0, sizeof sum);
+    sum = hash(14695981039346656037u, bytes, size);
+    memcpy(bytes + HEAD - sizeof sum, &sum, sizeof sum);
+}
+
+/* One to four pieces from another state, of hostile numbers, or of chance. */
+static void forge(char *bytes, const char *other, size_t size)
+{
+    for (uint32_t i = 1 + draw(4); i > 0; i--) {
+        size_t at = draw(8) ? 8 * draw((uint32_t)(size / 8)) : draw((uint32_t)size), n = 1 + draw(draw(4) ? 16 : 400);
+        uint32_t kind = draw(4);
+        if (at + n > size) n = size - at;
+        if (kind == 0) memcpy(bytes + at, other + at, n);
+        else if (kind == 1 && at + 8 <= size) memcpy(bytes + at, extreme + draw(EXTREMES), 8);
+        else if (kind == 2 && at + 4 <= size) memcpy(bytes + at, extreme_whole + draw(EXTREME_WHOLES), 4);
+        else for (size_t k = 0; k < n; k++) bytes[at + k] = (char)draw(256);
+    }
+    sign(bytes, size);
+}
+
+static void states(const fmu *f, uint64_t seed, long count)
+{
+    trial t = {f, 1e-6, rows_for(f, STEPS), {0}};
+    fmi2Component c = started(f), spare = instantiate(f);
+    size_t size;
+    char *fresh = serialised(f, spare, &size), *good, *other, *bad = malloc(size);
+    run(f, c, PUSH, 0, 20, t.row);
+    good = serialised(f, c, &size);
+    run(f, c, PUSH, 20, STEPS, t.row);
+    other = serialised(f, c, &size);
+    memcpy(bad, good, size);
+    sign(bad, size);
+    require(!memcmp(bad, good, size), "the checksums are those of the FMU");
+    chance = 0x9e3779b97f4a7c15u ^ (seed * 0xbf58476d1ce4e5b9u);
+    for (int i = 0; i < 9; i++) draw(2);
+    for (long i = 0; i < count; i++) {
+        memcpy(bad, draw(5) ? good : fresh, size);
+        forge(bad, other, size);
+        if (happened(&t, restore(f, c, bad, size))) used(&t, c);
+    }
+    require(restore(f, c, good, size) == fmi2OK, "a good state");
+    run(f, c, PUSH, 20, STEPS, t.row);
+    char *again = serialised(f, c, &size);
+    require(!memcmp(again, other, size), "the run from a good state, to the last bit");
+    f->fmi2FreeInstance(c);
+    f->fmi2FreeInstance(spare);
+    free(fresh), free(good), free(other), free(bad), free(again), free(t.row);
+    print_seen(&t);
+}
+
 /* ---- Messages and memory ---- */
 
 static void messages(const fmu *f, const char *locale)
@@ -687,6 +830,8 @@ int main(int argc, char **argv)
     else if (!strcmp(command, "blocks")) cycles(f, atol(first), held);
     else if (!strcmp(command, "everything")) everything(f);
     else if (!strcmp(command, "walk")) walk(f, strtoull(first, NULL, 10), atol(second));
+    else if (!strcmp(command, "setters")) setters(f, atof(first), atol(second), argc > 11 ? atol(argv[11]) : 1);
+    else if (!strcmp(command, "states")) states(f, strtoull(first, NULL, 10), atol(second));
     else if (!strcmp(command, "state")) state_file(f, first, second);
     else if (!strcmp(command, "messages")) messages(f, first);
     else if (!strcmp(command, "allocations")) allocations(f);

@@ -67,14 +67,14 @@ def work(kernel: Kernel) -> None:
     assert len(kernel.save()) == kernel.state_size
 
 
-def run(first: int, count: int) -> None:
-    """Seeds first .. first + count; says how each ended."""
+def run(first: int, count: int, library: str | None = None) -> None:
+    """Seeds first .. first + count; says how each ended.  library: another kernel than the installed one."""
     bases = packed()
     for seed in range(first, first + count):
         print(seed, end=" ", flush=True)
         random, begin = np.random.default_rng(seed), time.process_time()
         try:
-            work(Kernel(mutated(bases[seed % len(bases)], random)))
+            work(Kernel(mutated(bases[seed % len(bases)], random), library))
         except TensegrityError as error:
             assert len(str(error)) > 10
             print("refused", end=" ")

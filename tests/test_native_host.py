@@ -221,6 +221,21 @@ def test_random_calls_are_clean_under_sanitizers(name, sanitized, native_folders
     run(sanitized, native_folders[name], "walk", 11, CALLS // 4)
 
 
+@pytest.mark.parametrize("name", ["two_bar_nsh", "three_bar"])
+def test_hostile_values_are_clean_under_sanitizers(name, sanitized, native_folders):
+    """Every variable set to each of many values, before the start and between steps: a part of the cases, or all."""
+    stride = 1 if FULL else 149 if name == "three_bar" else 997
+    found = [int(n) for n in run(sanitized, native_folders[name], "setters", 1e-6, 5 if stride > 1 else 0, stride).split()]
+    assert found[0] > 5 and found[2] > 2 and found[3] == 0
+
+
+@pytest.mark.parametrize("name", ["two_bar", "three_bar"])
+def test_forged_states_are_clean_under_sanitizers(name, sanitized, native_folders):
+    """States with foreign pieces under right checksums: refused, or an instance that works and stays in bounds."""
+    found = [int(n) for n in run(sanitized, native_folders[name], "states", 3, 5000 if FULL else 300).split()]
+    assert found[0] > 100 and found[2] + found[3] > 50
+
+
 @pytest.mark.parametrize("method", range(1, 6))
 def test_every_method_is_clean_under_sanitizers(method, sanitized, native_folders, tmp_path):
     """An FMU whose model starts with the method."""

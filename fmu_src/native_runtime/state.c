@@ -2,6 +2,7 @@
  * one are the same bytes. */
 #include "instance.h"
 
+#include <math.h>
 #include <string.h>
 
 #define MAGIC 0x3155464d45545354u /* "TSTEMFU1" */
@@ -40,6 +41,12 @@ void fmu_state_save(const instance *fmu, char *bytes)
     memcpy(bytes, &h, sizeof h);
 }
 
+static int is_possible(const head *h)
+{
+    int one_mode = h->mode > 0 && !(h->mode & ~FMU_ANY) && !(h->mode & (h->mode - 1));
+    return one_mode && isfinite(h->start) && isfinite(h->time) && isfinite(h->stop);
+}
+
 const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t size)
 {
     head h;
@@ -48,7 +55,8 @@ const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t siz
     if (h.magic != MAGIC) return "it is no state of this version";
     if (h.identity != fmu->identity) return "it belongs to another FMU";
     if (size != fmu_state_size(fmu)) return "it has been cut or lengthened";
-    return h.checksum == checksum(h, bytes + sizeof h, size - sizeof h) ? NULL : "it is damaged";
+    if (h.checksum != checksum(h, bytes + sizeof h, size - sizeof h)) return "it is damaged";
+    return is_possible(&h) ? NULL : "it is none that an instance comes to";
 }
 
 int fmu_state_restore(instance *fmu, const char *bytes)

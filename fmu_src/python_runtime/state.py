@@ -62,6 +62,9 @@ class State:
         if zlib.crc32(body) != checksum:
             raise StateError("it is damaged")
         mode, flags, start, time, stop = _BODY.unpack_from(body)
+        known = (INSTANTIATED, INITIALIZATION, STEPPING, TERMINATED, ERROR)
+        if mode not in known or not math.isfinite(start) or not math.isfinite(time) or math.isnan(stop):
+            raise StateError("it is none that an instance comes to")
         state = cls(
             mode=mode,
             start=start,

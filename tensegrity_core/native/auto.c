@@ -244,8 +244,8 @@ void ts_review_step(ts_sim *sim, double h)
     int place = place_in_use(sim);
     c->effort[place] += FADE * (sim->memory.choice.taken + c->failed - c->effort[place]);
     c->natural[place] = place == EXPLICIT ? h : sim->memory.h_next;
-    c->steps++;
-    c->phase_steps++;
+    c->steps += c->steps < INT32_MAX;
+    c->phase_steps += c->phase_steps < INT32_MAX;
     count(sim, place, h);
     if (place != EXPLICIT) review_implicit(sim, place, h);
     else if (c->incumbent >= 0) judge_explicit(sim);

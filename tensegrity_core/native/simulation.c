@@ -3,11 +3,13 @@
 
 #include <float.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define STATE_MAGIC 0x3254415453534e54u /* "TNSSTAT2" */
+#define MOST_COUNTED 1000000000000000 /* of anything in ts_stats(); twice as much can still be counted by ones in a double */
 
 static const char *const status_names[] = {
 #define TS_ERROR(name, text) #name,
@@ -540,6 +542,28 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
     return TS_OK;
 }
 
+/* Numbers that no simulation comes to: counters that would overflow, or in which the work of a call would be lost. */
+static int is_sound(const ts_memory *memory)
+{
+    const ts_choice *c = &memory->choice;
+    const ts_span *span = &memory->span;
+    const double reals[] = {memory->time, memory->time_low, memory->h_next, memory->joined, memory->err_last, memory->last_step,
+                            span->start, span->h, span->reach, span->clipped};
+    const int32_t counters[] = {memory->rejected, memory->stiff, memory->patience, c->losing, c->phase_steps, c->steps};
+    int sound = all_finite(reals, sizeof reals / sizeof *reals);
+    sound = sound && all_finite(&c->work, (int)(offsetof(ts_choice, h_lambda) / sizeof(double)));
+    for (size_t i = 0; i < sizeof counters / sizeof *counters; i++) sound = sound && counters[i] >= 0;
+    for (int i = 0; i < TS_STATS; i++) sound = sound && memory->stats[i] >= 0 && memory->stats[i] < MOST_COUNTED;
+    return sound;
+}
+
+/* Does the communication point lie within the step that was left open there? */
+static int is_open(const ts_span *span)
+{
+    double passed = -span->start / span->h;
+    return passed >= 0.0 && passed <= 1.0 + 1e-9 && span->reach > 0.0 && span->reach <= 1.0;
+}
+
 /* Does a state with a right checksum keep within the arrays? */
 static int is_possible(const ts_sim *sim)
 {
@@ -548,7 +572,7 @@ static int is_possible(const ts_sim *sim)
     int possible = memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
     possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(sim);
     possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
-    possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 : memory->span.h == 0.0);
+    possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 && is_open(&memory->span) : memory->span.h == 0.0);
     for (int i = 0; i < S; i++) possible = possible && sim->piece[i] >= 0 && sim->piece[i] < sim->curve[i].pieces;
     return possible;
 }
@@ -568,13 +592,14 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     }
     copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->transition_count = 0;
-    if (!sim->memory.started) return TS_OK;
+    int possible = sim->memory.started || sim->memory.span.h == 0.0;
+    if (possible && !sim->memory.started) return TS_OK;
     int32_t index;
     swap_applied(sim);
-    int status = ts_check(sim, &index);
-    if (status == TS_OK) status = build_curves(sim);
-    int possible = status == TS_OK && is_possible(sim);
+    possible = possible && is_sound(&sim->memory) && all_finite(sim->y, sim->m.ny);
+    possible = possible && ts_check(sim, &index) == TS_OK && build_curves(sim) == TS_OK && is_possible(sim);
     if (possible) derive(sim);
+    possible = possible && all_finite(sim->values + sim->n_applied, sim->m.n_real - sim->n_applied);
     swap_back(sim);
     if (possible) return TS_OK;
     ts_reset(sim);
