@@ -120,7 +120,8 @@ def test_refused_calls_leave_no_trace_in_a_states_bytes(name, method, count=2):
 def test_what_is_not_finite_is_never_ok(name, method):
     model = MODELS[name]()
     for size in HUGE:
-        for h in (1e-300, 1e-9, 1e-5):
+        # What is huge and finite costs all the work that a step may do, seconds each: that is for the first scene.
+        for h in (1e-300, 1e-9, 1e-5) if size > 1e30 or name == "two_bar" else (1e-300, 1e-12):
             kernel = Kernel(model, method=method, tolerance=1e-6)
             kernel.initialize()
             kernel["force"][-1] = size
