@@ -15,6 +15,9 @@ stretch that does not rise.  All parts and the spring k_s then carry one force, 
 * at a fold, where dx/dp = 0, p the displacement of the falling part: T has a square root there;
 * where the string goes slack.
 
+Of parts that come to their extrema together the first (by index) whose fall goes on stably falls, the others go back; only
+where no such branch is stable do they snap.
+
 Parts are elements without memory of any kind; each must rise at first and in the end.
 """
 
@@ -46,6 +49,8 @@ ARRIVED = 1e-7
 NEUTRAL = 1e-8
 #: Forces that differ by less than this part are equal, where parts may end together; so are elongations, where branches join.
 TOGETHER, SAME = 1e-12, 1e-9
+#: Where parts turn at forces that tie, as a part of their width: an extremum's place is known to the root of round-off only.
+TURNED = 2.0 * math.sqrt(TIE)
 #: Steps after which a flow, and events after which a way along branches, counts as endless.
 MAX_STEPS, MAX_EVENTS = 3000, 10_000
 
@@ -339,7 +344,8 @@ def _ending(branch: Branch, x: float) -> list[set[int]]:
         if on is None:
             ends = ((-1, branch.memory.parts[i].end_force),)
         elif i == branch.lead:
-            found.append({end for end, at in ((-1, on.start), (1, on.end)) if u == at})
+            near = TURNED * min(on.end - on.start, branch.memory.width)
+            found.append({end for end, at in ((-1, on.start), (1, on.end)) if abs(u - at) <= near})
             continue
         else:
             ends = ((-1, on.first), (1, on.last))
@@ -367,7 +373,7 @@ def _joining(m: Memory, at: tuple[int, ...], lead: int | None, way: int, x: floa
     """The branch of these stretches that goes on from x, or None."""
     for one in m.branches(at):
         begin = one.lower if way > 0 else one.upper
-        if one.lead == lead and not one.folds[way < 0] and abs(begin - x) <= SAME * abs(x):
+        if one.lead == lead and not one.folds[way < 0] and abs(begin - x) <= SAME * abs(x) + TURNED * m.width:
             return one
     return None
 

@@ -5,6 +5,7 @@ More of them: ``python tests/tied_laws.py 2000``.
 
 import numpy as np
 import pytest
+import tied_memory
 from test_kernel_laws import mast, walk
 from tied_laws import DISTANCES, check, tied
 
@@ -75,3 +76,11 @@ def test_with_memory_the_kernel_follows_ties_as_the_exact_law(parts, k):
         branch, events = follow(branch, x)
         assert found == pytest.approx(branch.force(x), abs=1e-7)
         assert lost == pytest.approx(sum(event.loss for event in events), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 5, 9, 10, 27])
+def test_with_memory_both_truths_go_the_same_random_way(seed):
+    """Maxima or minima that tie within 33 eps.  More of them: ``python tests/tied_memory.py 48 0 3``."""
+    random = np.random.default_rng([seed, 0])
+    element, k = tied_memory.tied(random, tied_memory.DISTANCES[seed % len(tied_memory.DISTANCES)], 3)
+    assert tied_memory.compare(element, k, tied_memory.way(random, element)) == ("agree", "")

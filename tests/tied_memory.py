@@ -1,0 +1,120 @@
+"""Series with memory whose beams tie, exactly or nearly, along random ways: the exact law in Python beside the kernel.
+
+``python tests/tied_memory.py COUNT [SEED [MOST BEAMS]]``.  Of parts that come to an end together within TIE, the first (by
+index) whose fall or return goes on stably does so; only where none does the element snaps.  Beyond TIE, up to about 1e-12, both truths
+find stable states and lose what energies say, but may land on different ones: the flow of a snap starts far closer to even than
+its first push, so that which of the beams goes is not what the distance says.
+"""
+
+from __future__ import annotations
+
+import collections
+import math
+import sys
+from itertools import product
+
+import numpy as np
+from tied_laws import TIE, apart, swing
+
+from tensegrity_core.elements import Beam, Series
+from tensegrity_core.errors import TensegrityError
+from tensegrity_core.hysteresis import follow, memory, start
+from tensegrity_core.kernel import Kernel
+
+#: Distances of ties: ulps (31, 32 and 33 eps of a force among them), or parts.
+DISTANCES = (0, 1, 2, 4, 31, 33, 100, 1e-12)
+
+
+def tied(random: np.random.Generator, distance: float, most: int = 6) -> tuple[Series, float]:
+    """A series of 2 to `most` beams, some of which tie (maxima, minima, or all), and a string's stiffness, N/m."""
+    n = int(random.integers(2, most + 1))
+    Q, zeta, h = random.uniform(2.0, 10.0, n), random.uniform(2.5, 7.5, n), random.uniform(0.005, 0.03, n)
+    group = random.permutation(n)[: random.integers(2, n + 1)]
+    first, kind = group[0], random.choice(["max", "min", "alike", "alike but h"])
+    for i in group[1:]:
+        side = int(random.choice([-1, 1]))
+        if kind == "max":
+            Q[i] = Q[first] * (1.0 + swing(zeta[first])) / (1.0 + swing(zeta[i]))
+        elif kind == "min":
+            Q[i] = Q[first] * (1.0 - swing(zeta[first])) / (1.0 - swing(zeta[i]))
+        else:
+            Q[i], zeta[i] = Q[first], zeta[first]
+            if kind == "alike":
+                h[i] = h[first]
+        if random.random() < 0.8:
+            Q[i] = apart(Q[i], distance, side)
+    beams = tuple(map(Beam, Q.tolist(), zeta.tolist(), h.tolist()))
+    return Series(beams, "hysteretic"), float(random.choice([800.0, 3000.0, 12000.0]))
+
+
+def way(random: np.random.Generator, element: Series, points: int = 40) -> np.ndarray:
+    """Elongations, m, along a random way: a full cycle and turns between."""
+    far = 1.3 * sum(2.0 * beam.h for beam in element.parts)
+    turns = [0.0, far, -0.01, *(random.uniform(0.0, far, 4)), -0.01]
+    return np.concatenate([np.linspace(a, b, points) for a, b in zip(turns, turns[1:])])
+
+
+def apart_in_energy(kernel: Kernel, string: int = 1) -> float:
+    """How far (J) the energies of pieces that follow each other are from what the change is said to lose: at most."""
+    pieces, worst = kernel.pieces(string), 0.0
+    for i, piece in enumerate(pieces):
+        for x, after, loss in ((piece.hi, piece.up, piece.loss_up), (piece.lo, piece.down, piece.loss_down)):
+            if after >= 0 and np.isfinite(x):
+                left = kernel.piece_law(string, i, x)[2] - kernel.piece_law(string, after, x)[2]
+                assert loss >= 0.0, (i, loss)
+                worst = max(worst, abs(left - loss))
+    return worst
+
+
+def on_a_branch(element: Series, k: float, x: float, force: float) -> float:
+    """How far (N) a force at x (m) is from that of the nearest stable branch of the exact law."""
+    m = memory(element, k)
+    found = [abs(force)] if x <= sum(part.end for part in m.parts) else []    # slack
+    for at in product(*(range(len(part.stretches) + 1) for part in m.parts)):
+        found += [abs(force - one.force(x)) for one in m.branches(at) if one.lower - 1e-8 <= x <= one.upper + 1e-8]
+    return min(found)
+
+
+def compare(element: Series, k: float, x: np.ndarray) -> tuple[str, str]:
+    """Whether both truths go the same way along x (m); what is wrong, if anything.
+
+    Forces and losses may differ by what round-off of the force moves a fold: sqrt(TIE) of the height.
+    """
+    from test_kernel_laws import mast, walk
+
+    height, size = 2.0 * sum(beam.h for beam in element.parts), 4.0 * max(beam.Q for beam in element.parts)
+    try:
+        kernel = Kernel(mast(k, element=element))
+    except TensegrityError as error:
+        return "the kernel refuses it", str(error)
+    force, _, loss, _ = walk(kernel, x)
+    energies = apart_in_energy(kernel)
+    if energies > 10.0 * math.sqrt(TIE) * size * height:
+        return "the kernel's losses are not what its energies say", f"{energies} J"
+    branch = start(element, k)
+    for v, found, lost in zip(x.tolist(), force, loss):
+        try:
+            branch, events = follow(branch, v)
+        except TensegrityError as error:
+            return "the exact law does not end", str(error)
+        assert all(event.loss >= 0.0 for event in events)
+        if abs(found - branch.force(v)) > 1e-6 * size:
+            off = on_a_branch(element, k, v, found)
+            return ("another stable branch" if off <= 1e-6 * size else "on no stable branch"), f"x = {v}, {found} N, off {off}"
+        if abs(lost - sum(event.loss for event in events)) > 10.0 * math.sqrt(TIE) * size * height:
+            return "another loss", f"x = {v}: {lost} J, {sum(event.loss for event in events)} J"
+    return "agree", ""
+
+
+if __name__ == "__main__":
+    count, base = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    kinds = collections.Counter()
+    for seed in range(count):
+        random = np.random.default_rng([seed, base])
+        distance = DISTANCES[seed % len(DISTANCES)]
+        element, k = tied(random, distance, int(sys.argv[3]) if len(sys.argv) > 3 else 6)
+        kind, note = compare(element, k, way(random, element))
+        kinds[kind] += 1
+        if kind != "agree":
+            print(f"[{seed}, {base}], distance {distance}, {len(element.parts)} beams: {kind}; {note}", flush=True)
+    print(", ".join(f"{kind}: {number}" for kind, number in kinds.items()))
