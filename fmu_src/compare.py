@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_core.fields import FIELDS, INTEGER_FIELDS
+from tensegrity_core.components import spread
+from tensegrity_core.fields import COMPARED, FIELDS, outputs
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
 
@@ -28,17 +29,14 @@ LEDGER_BOUND = 1e-8
 #: Where a start error has grown to this part of the longest bar, the motion is another: the comparison stops before.
 SENSITIVE = 1e-3
 
-ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work")
-#: Outputs by kind, with their unit: what a table shows.
+#: Outputs by the class in which they are compared, with its unit: what a table shows.
 KINDS = {
-    "position": (("position",), "m"),
-    "length": (("string_length", "wound_rest_length"), "m"),
-    "velocity": (("velocity",), "m/s"),
-    "rest length rate": (("wound_rest_length_rate",), "m/s"),
-    "motor speed": (("motor_speed",), "rad/s"),
-    "force": (("string_force", "elastic_force", "bar_force", "reaction"), "N"),
-    "energy": (ENERGIES, "J"),
+    kind: (tuple(field.name for field in outputs(FIELDS) if field.compared == kind), unit)
+    for kind, unit in COMPARED.items()
+    if unit
 }
+#: Outputs that are counted.
+COUNTED = tuple(field.name for field in outputs() if field.compared == "count")
 
 
 @dataclass(frozen=True)
@@ -116,23 +114,13 @@ class Comparison:
         return found + list(self.late)
 
 
-def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs: np.ndarray) -> dict[str, np.ndarray]:
+def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs_of_run: np.ndarray) -> dict[str, np.ndarray]:
     """An FMU's outputs (K+1, n) by field, in the shapes of `Result` (planar scenes: y of positions is the scene's)."""
     column = {name: i for i, name in enumerate(names)}
     found = {}
-    for field in (*FIELDS, *INTEGER_FIELDS):
-        if field.role != "output":
-            continue
+    for field in outputs():
         at = [column[row.name] for row in table if row.field == field.name]
-        values = outputs[:, at]
-        if field.shape[-1:] == ("D",):
-            nodes = {"N": np.arange(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes}[field.shape[0]]
-            full = np.zeros((len(values), len(model.nodes), 3))
-            if field.name == "position":
-                full[:] = model.nodes
-            full[:, nodes[:, None], list(model.axes)] = values.reshape(len(values), len(nodes), len(model.axes))
-            values = full
-        found[field.name] = values if field.shape else values[:, 0]
+        found[field.name] = spread(field, model, outputs_of_run[:, at])
     return found
 
 
@@ -150,7 +138,7 @@ def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transiti
     through = float(reference.throughput[rows - 1])
     deviations = {name: _deviation(name, reference, fmu, allowed, rows, clear, through) for name in OUTPUTS}
     found = match(ours, theirs)
-    wrong = np.any(reference.snapped[:rows] != fmu["snapped"][:rows], axis=1)
+    wrong = np.any([np.any(reference.outputs[name][:rows] != fmu[name][:rows], axis=1) for name in COUNTED], axis=0)
     return Comparison(
         tolerance=tolerance,
         size=allowed.size,
@@ -168,10 +156,10 @@ def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transiti
 
 
 def _deviation(name: str, reference: Result, fmu, allowed: Spread, rows: int, clear, through: float) -> Deviation:
-    right = getattr(reference, name)[:rows].reshape(rows, -1)
+    right = reference.outputs[name][:rows].reshape(rows, -1)
     error = np.max(np.abs(right - fmu[name][:rows].reshape(rows, -1)), axis=1, initial=0.0)
     floor = FLOOR * allowed.size * float(np.max(np.abs(right), initial=0.0))
-    if name in ENERGIES:
+    if name in KINDS["energy"][0]:
         floor = FLOOR_ENERGY * allowed.size * max(float(np.max(np.abs(right))), through)
     bound = floor + MARGIN * allowed.largest[name][:rows]
     if name in JUMPING:

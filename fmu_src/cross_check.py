@@ -14,7 +14,8 @@ import numpy as np
 
 import tensegrity_core
 from tensegrity_core import reference
-from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, Field
+from tensegrity_core.components import flattened
+from tensegrity_core.fields import outputs
 from tensegrity_core.files import replacing_folder, write_text
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result
@@ -82,18 +83,10 @@ def inputs_of(table: tuple[Variable, ...], run: Scenario) -> tuple[list[str], li
 def outputs_of(table: tuple[Variable, ...], model: Model, result: Result) -> tuple[list[str], list[np.ndarray]]:
     """Names of all outputs in the order of the variable table, and rows (time, values) of the reference."""
     columns, present = [result.times[:, None]], {row.field for row in table}
-    for field in (*FIELDS, *INTEGER_FIELDS):
-        if field.role == "output" and field.name in present:
-            columns.append(flattened(field, model, getattr(result, field.name)))
+    for field in outputs():
+        if field.name in present:
+            columns.append(flattened(field, model, result.outputs[field.name]))
     return [row.name for row in table if row.causality == "output"], list(np.hstack(columns))
-
-
-def flattened(field: Field, model: Model, values: np.ndarray) -> np.ndarray:
-    """(K+1, variables) of a field, out of the shape that `Result` has."""
-    if field.shape[-1:] == ("D",):
-        nodes = {"N": np.arange(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes}[field.shape[0]]
-        values = values[:, nodes[:, None], list(model.axes)]
-    return values.reshape(len(values), -1)
 
 
 def table_of(names: list[str], rows: list[np.ndarray]) -> str:

@@ -9,8 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tensegrity_core.fields import INTEGER_FIELDS, layout
+from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, layout, outputs, size
 from tensegrity_core.model import Model
+
+
+#: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about below,
+#: all that is known counts.
+STARTED = ("position", "velocity", "wound_rest_length_rate", "motor_speed", "kinetic", "dissipated", "input_work", "throughput")
 
 
 def initial_dependencies(model: Model) -> dict[int, set[int]]:
@@ -18,7 +23,8 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     out (positions, velocities, lengths: the scene's; energies that count from the start: zero).
     """
     table = _Table(model)
-    out: dict[int, set[int]] = {}
+    everything = table.knowns()
+    out = {table.at(f.name, i): everything for f in outputs() if f.name not in STARTED for i in range(size(f, model.counts))}
     for s in range(len(model.strings)):
         out[table.at("elastic_force", s)] = table.elastic(s)
         out[table.at("string_force", s)] = table.tension(s)
@@ -33,8 +39,7 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
             out[table.at("reaction", g * axes + axis)] = table.reaction(int(node), axis)
     for a, s in enumerate(model.actuated):
         out[table.at("wound_rest_length", a)] = {table.at("rest_length", s)}
-    everything = [table.elastic(s) for s in range(len(model.strings))]
-    out[table.at("elastic", 0)] = set().union(*everything)
+    out[table.at("elastic", 0)] = set().union(*(table.elastic(s) for s in range(len(model.strings))))
     out[table.at("potential", 0)] = table.weights() | table.all("node_position")
     out |= _of_motion(model, table)
     return {output: known for output, known in out.items() if known}
@@ -75,6 +80,11 @@ class _Table:
             for node, other in ((a, b), (b, a)):
                 if node in model.moving:
                     self.mover[other] = model.moving.index(node)
+
+    def knowns(self) -> set[int]:
+        """All inputs and parameters."""
+        given = (field for field in (*FIELDS, *INTEGER_FIELDS) if field.role != "output")
+        return set().union(*(self.all(field.name) for field in given))
 
     def at(self, field: str, index: int) -> int:
         return self.places[field].start + index

@@ -8,67 +8,23 @@ from __future__ import annotations
 
 import math
 import re
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
 from tensegrity_core import laws
+from tensegrity_core.components import components
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
 
 from .dependencies import initial_dependencies
 
-AXES = "xyz"
+#: Bounds of the shape parameter of an NSH without memory: the nearest numbers within 2 and 8.
+METASTABLE = (math.nextafter(2.0, 8.0), math.nextafter(8.0, 2.0))
 
-#: How a variable of each field is called.  Letters are the counts of `fields.COUNTS`: the component's name or axis;
-#: {beam} counts the beams of one NSH from 1.
-NAMES = {
-    "force": "{F}.force.{D}",
-    "rest_length": "{S}.rest_length",
-    "rest_length_rate": "{S}.rest_length_rate",
-    "current": "{A}.current",
-    "drum_load": "{A}.actuator.load",
-    "node_position": "{E}.position.{D}",
-    "node_velocity": "{E}.velocity.{D}",
-    "node_acceleration": "{E}.acceleration.{D}",
-    "stiffness": "{S}.stiffness",
-    "damping": "{S}.damping",
-    "gravity": "gravity{V}",
-    "drag": "{R}.drag",
-    "bar_mass": "{B}.mass",
-    "point_mass": "{P}.mass",
-    "nsh_Q": "{Z}.nsh.Q[{beam}]",
-    "nsh_zeta": "{Z}.nsh.zeta[{beam}]",
-    "nsh_h": "{Z}.nsh.h[{beam}]",
-    "motor_inertia": "{A}.actuator.inertia",
-    "motor_damping": "{A}.actuator.damping",
-    "torque_constant": "{A}.actuator.torque_constant",
-    "drum_radius": "{A}.actuator.radius",
-    "tolerance": "solver.tolerance",
-    "max_step": "solver.step",
-    "position": "{N}.{D}",
-    "velocity": "{F}.velocity.{D}",
-    "string_force": "{S}.force",
-    "elastic_force": "{S}.elastic_force",
-    "string_length": "{S}.length",
-    "wound_rest_length": "{A}.rest_length",
-    "wound_rest_length_rate": "{A}.rest_length_rate",
-    "motor_speed": "{A}.actuator.speed",
-    "bar_force": "{B}.force",
-    "reaction": "{G}.reaction.{D}",
-    "kinetic": "energy.kinetic",
-    "potential": "energy.potential",
-    "elastic": "energy.elastic",
-    "dissipated": "energy.dissipated",
-    "input_work": "energy.input_work",
-    "throughput": "energy.throughput",
-    "method": "solver.method",
-    "snapped": "{H}.snapped",
-}
+#: Fields that are the time derivative of another of the same component.
+RATES = {field.name: field.rate_of for field in FIELDS if field.rate_of}
 
 #: Causality, variability and initial of FMI by the role of a field.
 ROLES = {
@@ -76,39 +32,6 @@ ROLES = {
     "tunable": ("parameter", "tunable", "exact"),
     "fixed": ("parameter", "fixed", "exact"),
     "output": ("output", "continuous", "calculated"),
-}
-
-#: Fields that are the time derivative of another of the same component.
-DERIVATIVES = {
-    "velocity": "position",
-    "rest_length_rate": "rest_length",
-    "wound_rest_length_rate": "wound_rest_length",
-    "node_velocity": "node_position",
-    "node_acceleration": "node_velocity",
-}
-
-#: The smallest number that counts as positive.
-POSITIVE = sys.float_info.min
-
-#: Values that the kernel accepts (ts_check in native/simulation.c): field -> (smallest, largest); None: any finite one.
-LIMITS = {
-    "rest_length": (0.0, None),
-    "stiffness": (0.0, None),
-    "damping": (0.0, None),
-    "drag": (0.0, None),
-    "bar_mass": (POSITIVE, None),
-    "point_mass": (0.0, None),
-    "nsh_Q": (POSITIVE, None),
-    "nsh_zeta": (math.nextafter(2.0, 8.0), math.nextafter(8.0, 2.0)),
-    "nsh_h": (POSITIVE, None),
-    "motor_inertia": (POSITIVE, None),
-    "motor_damping": (0.0, None),
-    "torque_constant": (POSITIVE, None),
-    "drum_radius": (POSITIVE, None),
-    "tolerance": (1e-14, 0.1),
-    "max_step": (0.0, None),
-    "string_length": (0.0, None),
-    "kinetic": (0.0, None),
 }
 
 
@@ -149,9 +72,9 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     for fields, starts in ((FIELDS, start.values), (INTEGER_FIELDS, start.integers)):
         offset = reference
         for field in fields:
-            for component in _components(field, model):
+            for component in components(field, model):
                 value = starts[reference - offset].item() if field.role != "output" else None
-                name, role = (NAMES[field.name], field.role) if shown is None else shown.get(field.name, ("", ""))
+                name, role = (field.variable, field.role) if shown is None else shown.get(field.name, ("", ""))
                 if name and (shown is not None or not _hidden(field, component, model)):
                     rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
                     places[field.name, *map(str, component.values())] = rows[-1]
@@ -169,7 +92,7 @@ def _derivatives(places: dict[tuple[str, ...], Variable]) -> dict[int, int]:
     """References of derivatives -> of what they are derivatives of.  places: (field, its component) -> row."""
     found = {}
     for (field, *component), row in places.items():
-        whole = places.get((DERIVATIVES.get(field, ""), *component))
+        whole = places.get((RATES.get(field, ""), *component))
         if whole is not None and row.variability == whole.variability == "continuous":
             found[row.reference] = whole.reference
     return found
@@ -226,40 +149,14 @@ def flat(name: str) -> str:
     return re.sub(r"[.\[]", "_", name.replace("]", ""))
 
 
-def _components(field: Field, model: Model) -> Iterator[dict[str, object]]:
-    """What stands for each letter of the field's shape, in row-major order."""
-    axes = [{"D": AXES[i]} for i in model.axes]
-    letters = {
-        "D": axes,
-        "N": [{"N": name} for name in model.node_names],
-        "F": [{"F": model.node_names[i]} for i in model.free_nodes],
-        "G": [{"G": model.node_names[i]} for i in model.fixed_nodes],
-        "B": [{"B": name} for name in model.bar_names],
-        "S": [{"S": name} for name in model.string_names],
-        "H": [{"H": model.string_names[i], "beams": len(model.nsh[i].Q)} for i in model.nsh_strings],
-        "Z": [
-            {"Z": model.string_names[i], "beam": beam + 1}
-            for i in model.nsh_strings
-            for beam in range(len(model.nsh[i].Q))
-        ],
-        "V": [{"V": ""}] if model.counts["V"] == 1 else [{"V": f".{AXES[i]}"} for i in model.axes],
-        "P": [{"P": model.node_names[node]} for node, _ in model.point_mass],
-        "R": [{"R": model.node_names[node]} for node, _ in model.drag],
-        "E": [{"E": model.node_names[node]} for node in model.moving],
-        "A": [{"A": model.string_names[i]} for i in model.actuated],
-    }
-    for parts in product(*(letters[letter] for letter in field.shape)):
-        yield {key: value for part in parts for key, value in part.items()}
-
-
 def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | None, float | int | None]:
-    if field.name == "nsh_zeta" and not model.nsh[model.string_names.index(component["Z"])].plain:
-        return POSITIVE, None
+    if field.name == "nsh_zeta" and model.nsh[model.string_names.index(component["Z"])].plain:
+        return METASTABLE
     if field.name == "snapped":
         return 0, component["beams"]
     if field.name == "method":
         return 0, len(METHODS) - 1
-    return LIMITS.get(field.name, (None, None))
+    return field.low, field.high
 
 
 def _nominal(field: Field, start: float | None, model: Model) -> float:

@@ -98,15 +98,8 @@ def cached(
 
 
 def _pack(result: Result, key: str) -> bytes:
-    arrays, stats = {}, {}
-    for item in fields(result):
-        value = getattr(result, item.name)
-        if item.name == "transitions":
-            arrays["transitions"] = np.array([(t.time, t.string, t.before, t.after) for t in value]).reshape(-1, 4)
-        elif item.name == "stats":
-            stats = value
-        else:
-            arrays[item.name] = value
+    events = np.array([(t.time, t.string, t.before, t.after) for t in result.transitions]).reshape(-1, 4)
+    arrays, stats = {"times": result.times, "transitions": events, **result.outputs}, result.stats
     buffer = io.BytesIO()
     np.savez(buffer, stat_names=np.array(list(stats), dtype=str), stat_values=np.array(list(stats.values())), **arrays)
     body = key.encode() + buffer.getvalue()
@@ -122,7 +115,7 @@ def _unpack(data: bytes, key: str) -> Result | None:
         arrays = {name: stored[name] for name in stored.files}
     names, values = arrays.pop("stat_names"), arrays.pop("stat_values")
     transitions = [Transition(t, int(s), int(a), int(b)) for t, s, a, b in arrays.pop("transitions").tolist()]
-    return Result(**arrays, transitions=transitions, stats=dict(zip(names.tolist(), values.tolist())))
+    return Result(transitions=transitions, stats=dict(zip(names.tolist(), values.tolist())), **arrays)
 
 
 def _write(path: Path, data: bytes) -> None:

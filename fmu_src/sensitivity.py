@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tensegrity_core import kernel
-from tensegrity_core.fields import FIELDS
+from tensegrity_core.fields import COMPARED, FIELDS, outputs
 from tensegrity_core.inputs import Inputs
 from tensegrity_core.model import Model
 from tensegrity_core.result import Result, Transition
@@ -32,9 +32,9 @@ REACH = 1e-3
 #: Forces jump at transitions: samples this close to one are left out, s.
 WINDOW = 1e-6
 #: Outputs that jump at transitions.
-JUMPING = ("string_force", "elastic_force", "bar_force", "reaction", "kinetic", "elastic", "dissipated")
+JUMPING = tuple(field.name for field in outputs(FIELDS) if field.jumps)
 
-OUTPUTS = tuple(field.name for field in FIELDS if field.role == "output" and field.name != "throughput")
+OUTPUTS = tuple(field.name for field in outputs(FIELDS) if COMPARED[field.compared])
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _largest(base: Result, runs: list[Result]) -> dict[str, np.ndarray]:
     for name in OUTPUTS:
         rows = np.zeros(len(base.times))
         for run, clear in zip(runs, masks):
-            difference = np.abs(getattr(run, name) - getattr(base, name)).reshape(len(rows), -1).max(axis=1, initial=0.0)
+            difference = np.abs(run.outputs[name] - base.outputs[name]).reshape(len(rows), -1).max(axis=1, initial=0.0)
             rows = np.maximum(rows, np.where(clear, difference, 0.0) if name in JUMPING else difference)
         found[name] = np.maximum.accumulate(rows)
     return found

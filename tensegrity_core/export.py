@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
+from .components import flattened, names
 from .errors import InputError
+from .fields import outputs
 from .files import replacing, replacing_text
 from .model import Model
 from .result import Result
-
-ENERGIES = ("kinetic", "potential", "elastic", "dissipated", "input_work", "throughput")
 
 
 def columns(model: Model, result: Result) -> dict[str, np.ndarray]:
     """Name -> (K+1,) series, in the order and with the names of the FMU's outputs; `time` (s) comes first."""
     found = {"time": result.times}
-
-    def add(names, values):
-        found.update(zip(names, np.asarray(values).T, strict=True))
-
-    def add_vectors(what, values, nodes):
-        names = [f"{model.node_names[i]}{what}.{'xyz'[axis]}" for i in nodes for axis in model.axes]
-        add(names, values[:, nodes[:, None], list(model.axes)].reshape(len(values), -1))
-
-    add_vectors("", result.position, np.arange(len(model.nodes)))
-    add_vectors(".velocity", result.velocity, model.free_nodes)
-    add([f"{name}.force" for name in model.string_names], result.string_force)
-    add([f"{name}.elastic_force" for name in model.string_names], result.elastic_force)
-    add([f"{name}.length" for name in model.string_names], result.string_length)
-    drives = {"rest_length": "wound_rest_length", "rest_length_rate": "wound_rest_length_rate", "actuator.speed": "motor_speed"}
-    for name, series in drives.items():
-        add([f"{model.string_names[i]}.{name}" for i in model.actuated], getattr(result, series))
-    add([f"{name}.force" for name in model.bar_names], result.bar_force)
-    add_vectors(".reaction", result.reaction, model.fixed_nodes)
-    found |= {f"energy.{name}": getattr(result, name) for name in ENERGIES}
-    add([f"{model.string_names[i]}.snapped" for i in model.nsh_strings], result.snapped)
+    for field in outputs():
+        found.update(zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True))
     return found
 
 
@@ -66,7 +47,7 @@ def write_columns(series: dict[str, np.ndarray], path: Path) -> None:
 
 
 def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:
-    arrays = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in ("transitions", "stats")}
+    arrays = {"times": result.times, **result.outputs}
     events = [(t.time, t.string, t.before, t.after, t.loss) for t in result.transitions]
     kinds = [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4"), ("loss", "f8")]
     arrays["transitions"] = np.array(events, kinds)

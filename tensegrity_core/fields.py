@@ -4,8 +4,10 @@ Every real variable of a simulation (inputs, parameters, outputs) lives in one c
 of `FIELDS`; a variable's index in that block is its value reference in both FMUs.  Integer variables live in a second
 block, in the order of `INTEGER_FIELDS`; their value references follow those of the reals.
 
-Adding a field: add its row here, run ``python -m tensegrity_core.fields`` (rewrites native/fields.h), fill it in
-native/outputs.c (outputs) or read it in native/ (inputs, parameters), and give it a name in fmu_src/interface.py.
+Adding an output: its row here, then ``python -m tensegrity_core.fields`` (rewrites native/fields.h); its value in the kernel,
+native/outputs.c, and its value in the reference, `reference._Run._record`.  Everything else follows: the FMUs' variables, their
+description and documentation, results and their files, validation.  An input or a parameter: its row, where native/ reads it,
+and where `model` starts it.
 
 This module imports nothing, so that the build can run it.
 """
@@ -16,13 +18,43 @@ from typing import NamedTuple
 
 
 class Field(NamedTuple):
-    """One row.  shape: counts as named in `COUNTS`, row-major; role: input, tunable, fixed or output."""
+    """One row.
+
+    role: input, tunable, fixed or output; shape: counts as named in `COUNTS`, row-major; variable: the name of its variables,
+    {letter} being the component or the axis that a letter of the shape counts, {beam} the beam of an NSH from 1;
+    low, high: bounds, None: any finite number; compared: of an output, how it is compared, a key of `COMPARED`; jumps: of an
+    output, whether it jumps at transitions; rate_of: the field of the same component whose time derivative it is.
+    """
 
     name: str
     role: str
     shape: tuple[str, ...]
     unit: str
+    variable: str
     meaning: str
+    low: float | None = None
+    high: float | None = None
+    compared: str = ""
+    jumps: bool = False
+    rate_of: str = ""
+
+
+#: The smallest number that counts as positive (a normal double).
+POSITIVE = 2.2250738585072014e-308
+
+#: How outputs are compared: class -> unit of its differences, "" where none are taken.  Energies are integrals and are compared
+#: on the scale of the energy that has passed, the `scale`; counts have to be equal.
+COMPARED = {
+    "position": "m",
+    "length": "m",
+    "velocity": "m/s",
+    "rest length rate": "m/s",
+    "motor speed": "rad/s",
+    "force": "N",
+    "energy": "J",
+    "scale": "",
+    "count": "",
+}
 
 
 #: What a shape counts: letter -> meaning.
@@ -42,52 +74,75 @@ COUNTS = {
     "A": "strings with an actuator, in string order",
 }
 
+# fmt: off
 FIELDS = (
-    Field("force", "input", ("F", "D"), "N", "external force on a free node, held over a step"),
-    Field("rest_length", "input", ("S",), "m", "rest length at the start of the next step"),
-    Field("rest_length_rate", "input", ("S",), "m/s", "rate of the rest length during the next step"),
-    Field("current", "input", ("A",), "A", "current of an actuator's motor, held over a step"),
-    Field("drum_load", "input", ("A",), "N", "pull on an actuator's drum beside its string's tension"),
-    Field("node_position", "input", ("E", "D"), "m", "position of a moved node at the start of the next step"),
-    Field("node_velocity", "input", ("E", "D"), "m/s", "its velocity then"),
-    Field("node_acceleration", "input", ("E", "D"), "m/s2", "its acceleration during the next step"),
-    Field("stiffness", "tunable", ("S",), "N/m", "stiffness; of an NSH string: once the NSH has bottomed out"),
-    Field("damping", "tunable", ("S",), "N.s/m", "damping coefficient"),
-    Field("gravity", "tunable", ("V",), "m/s2", "gravity: towards -z, or a vector's component"),
-    Field("drag", "tunable", ("R",), "N.s/m", "drag coefficient of a node: force per velocity"),
-    Field("bar_mass", "fixed", ("B",), "kg", "mass"),
-    Field("point_mass", "fixed", ("P",), "kg", "mass at a node, beside its bar's"),
-    Field("nsh_Q", "fixed", ("Z",), "N", "force scale of a beam, eq. 11"),
-    Field("nsh_zeta", "fixed", ("Z",), "1", "shape parameter of a beam, eq. 11"),
-    Field("nsh_h", "fixed", ("Z",), "m", "height of a beam's arch, eq. 11"),
-    Field("motor_inertia", "fixed", ("A",), "kg.m2", "moment of inertia J_a of motor and drum, eq. 8"),
-    Field("motor_damping", "fixed", ("A",), "N.m.s", "damping d_a of the motor: torque per speed, eq. 8"),
-    Field("torque_constant", "fixed", ("A",), "N.m/A", "torque k_a per current, eq. 8"),
-    Field("drum_radius", "fixed", ("A",), "m", "radius r of the drum that winds the string in"),
-    Field("tolerance", "fixed", (), "1", "error per step: relative, and absolute in m and m/s"),
-    Field("max_step", "fixed", (), "s", "largest step of the integrator, 0: no limit; the step of rk4 and ros2, 0: 1 ms"),
-    Field("position", "output", ("N", "D"), "m", "node positions"),
-    Field("velocity", "output", ("F", "D"), "m/s", "velocities of the free nodes"),
-    Field("string_force", "output", ("S",), "N", "tension, elastic and damping"),
-    Field("elastic_force", "output", ("S",), "N", "elastic tension"),
-    Field("string_length", "output", ("S",), "m", "length"),
-    Field("wound_rest_length", "output", ("A",), "m", "rest length of a string with an actuator"),
-    Field("wound_rest_length_rate", "output", ("A",), "m/s", "its rate"),
-    Field("motor_speed", "output", ("A",), "rad/s", "speed at which the motor winds in"),
-    Field("bar_force", "output", ("B",), "N", "axial force, mean over the bar: -lambda l of eq. 1, tension positive"),
-    Field("reaction", "output", ("G", "D"), "N", "force of the ground on the structure at a fixed node"),
-    Field("kinetic", "output", (), "J", "kinetic energy"),
-    Field("potential", "output", (), "J", "gravitational potential energy, zero at z = 0"),
-    Field("elastic", "output", (), "J", "energy stored in the strings"),
-    Field("dissipated", "output", (), "J", "energy lost in dampers, drag, motors and snaps since the start"),
-    Field("input_work", "output", (), "J", "work of all inputs and of parameter jumps since the start"),
-    Field("throughput", "output", (), "J", "integral of the sum of |power|, the scale of the energy ledger"),
+    Field("force", "input", ("F", "D"), "N", "{F}.force.{D}", "external force on a free node, held over a step"),
+    Field("rest_length", "input", ("S",), "m", "{S}.rest_length", "rest length at the start of the next step", low=0.0),
+    Field("rest_length_rate", "input", ("S",), "m/s", "{S}.rest_length_rate",
+          "rate of the rest length during the next step", rate_of="rest_length"),
+    Field("current", "input", ("A",), "A", "{A}.current", "current of an actuator's motor, held over a step"),
+    Field("drum_load", "input", ("A",), "N", "{A}.actuator.load", "pull on an actuator's drum beside its string's tension"),
+    Field("node_position", "input", ("E", "D"), "m", "{E}.position.{D}",
+          "position of a moved node at the start of the next step"),
+    Field("node_velocity", "input", ("E", "D"), "m/s", "{E}.velocity.{D}", "its velocity then", rate_of="node_position"),
+    Field("node_acceleration", "input", ("E", "D"), "m/s2", "{E}.acceleration.{D}",
+          "its acceleration during the next step", rate_of="node_velocity"),
+    Field("stiffness", "tunable", ("S",), "N/m", "{S}.stiffness",
+          "stiffness; of an NSH string: once the NSH has bottomed out", low=0.0),
+    Field("damping", "tunable", ("S",), "N.s/m", "{S}.damping", "damping coefficient", low=0.0),
+    Field("gravity", "tunable", ("V",), "m/s2", "gravity{V}", "gravity: towards -z, or a vector's component"),
+    Field("drag", "tunable", ("R",), "N.s/m", "{R}.drag", "drag coefficient of a node: force per velocity", low=0.0),
+    Field("bar_mass", "fixed", ("B",), "kg", "{B}.mass", "mass", low=POSITIVE),
+    Field("point_mass", "fixed", ("P",), "kg", "{P}.mass", "mass at a node, beside its bar's", low=0.0),
+    Field("nsh_Q", "fixed", ("Z",), "N", "{Z}.nsh.Q[{beam}]", "force scale of a beam, eq. 11", low=POSITIVE),
+    Field("nsh_zeta", "fixed", ("Z",), "1", "{Z}.nsh.zeta[{beam}]", "shape parameter of a beam, eq. 11", low=POSITIVE),
+    Field("nsh_h", "fixed", ("Z",), "m", "{Z}.nsh.h[{beam}]", "height of a beam's arch, eq. 11", low=POSITIVE),
+    Field("motor_inertia", "fixed", ("A",), "kg.m2", "{A}.actuator.inertia",
+          "moment of inertia J_a of motor and drum, eq. 8", low=POSITIVE),
+    Field("motor_damping", "fixed", ("A",), "N.m.s", "{A}.actuator.damping",
+          "damping d_a of the motor: torque per speed, eq. 8", low=0.0),
+    Field("torque_constant", "fixed", ("A",), "N.m/A", "{A}.actuator.torque_constant",
+          "torque k_a per current, eq. 8", low=POSITIVE),
+    Field("drum_radius", "fixed", ("A",), "m", "{A}.actuator.radius",
+          "radius r of the drum that winds the string in", low=POSITIVE),
+    Field("tolerance", "fixed", (), "1", "solver.tolerance",
+          "error per step: relative, and absolute in m and m/s", low=1e-14, high=0.1),
+    Field("max_step", "fixed", (), "s", "solver.step",
+          "largest step of the integrator, 0: no limit; the step of rk4 and ros2, 0: 1 ms", low=0.0),
+    Field("position", "output", ("N", "D"), "m", "{N}.{D}", "node positions", compared="position"),
+    Field("velocity", "output", ("F", "D"), "m/s", "{F}.velocity.{D}",
+          "velocities of the free nodes", compared="velocity", rate_of="position"),
+    Field("string_force", "output", ("S",), "N", "{S}.force", "tension, elastic and damping", compared="force", jumps=True),
+    Field("elastic_force", "output", ("S",), "N", "{S}.elastic_force", "elastic tension", compared="force", jumps=True),
+    Field("string_length", "output", ("S",), "m", "{S}.length", "length", low=0.0, compared="length"),
+    Field("wound_rest_length", "output", ("A",), "m", "{A}.rest_length",
+          "rest length of a string with an actuator", compared="length"),
+    Field("wound_rest_length_rate", "output", ("A",), "m/s", "{A}.rest_length_rate",
+          "its rate", compared="rest length rate", rate_of="wound_rest_length"),
+    Field("motor_speed", "output", ("A",), "rad/s", "{A}.actuator.speed",
+          "speed at which the motor winds in", compared="motor speed"),
+    Field("bar_force", "output", ("B",), "N", "{B}.force",
+          "axial force, mean over the bar: -lambda l of eq. 1, tension positive", compared="force", jumps=True),
+    Field("reaction", "output", ("G", "D"), "N", "{G}.reaction.{D}",
+          "force of the ground on the structure at a fixed node", compared="force", jumps=True),
+    Field("kinetic", "output", (), "J", "energy.kinetic", "kinetic energy", low=0.0, compared="energy", jumps=True),
+    Field("potential", "output", (), "J", "energy.potential",
+          "gravitational potential energy, zero at z = 0", compared="energy"),
+    Field("elastic", "output", (), "J", "energy.elastic", "energy stored in the strings", compared="energy", jumps=True),
+    Field("dissipated", "output", (), "J", "energy.dissipated",
+          "energy lost in dampers, drag, motors and snaps since the start", compared="energy", jumps=True),
+    Field("input_work", "output", (), "J", "energy.input_work",
+          "work of all inputs and of parameter jumps since the start", compared="energy"),
+    Field("throughput", "output", (), "J", "energy.throughput",
+          "integral of the sum of |power|, the scale of the energy ledger", compared="scale"),
 )
 
 INTEGER_FIELDS = (
-    Field("method", "fixed", (), "1", "integration method"),
-    Field("snapped", "output", ("H",), "1", "beams of an NSH that are past their force maximum"),
+    Field("method", "fixed", (), "1", "solver.method", "integration method"),
+    Field("snapped", "output", ("H",), "1", "{H}.snapped",
+          "beams of an NSH that are past their force maximum", compared="count"),
 )
+# fmt: on
 
 #: Integration methods and what they are, in one line each; a method's place is its number in the kernel and in the FMUs.
 #: Adding one: its line here, then ``python -m tensegrity_core.fields``, and native/NAME.c with the table `ts_NAME`.
@@ -100,6 +155,12 @@ METHOD_MEANINGS = {
     "ros2": "L-stable linearly implicit method of order 2, fixed step and fixed cost: for real time",
 }
 METHODS = tuple(METHOD_MEANINGS)
+
+#: Kinds of force laws, in the order of their numbers in a packed model.
+ELEMENTS = ("spring", "beam", "polynomial", "table", "parallel", "series")
+
+#: What a simulation counts.
+STATS = ("steps", "rejected", "rhs", "jacobians", "factorisations", "transitions", "restarts", "implicit_steps")
 
 #: Damping laws by name; see model.md's section on strings: what a string does while its damper exceeds its spring.
 DAMPING_LAWS = ("literal", "tension_only")
@@ -123,25 +184,60 @@ def layout(counts: dict[str, int], fields: tuple[Field, ...] = FIELDS) -> dict[s
     return places
 
 
+def outputs(fields: tuple[Field, ...] = FIELDS + INTEGER_FIELDS) -> tuple[Field, ...]:
+    """The fields that are outputs."""
+    return tuple(field for field in fields if field.role == "output")
+
+
+def owned_words() -> frozenset[str]:
+    """First words of the variables that a component owns: force of n4.force.x, rest of s1.rest_length, and the axes."""
+    found = set("xyz")
+    for field in FIELDS + INTEGER_FIELDS:
+        owner, _, rest = field.variable.partition(".")
+        if owner.startswith("{") and not rest.startswith("{"):
+            found.add(rest.replace("[", ".").replace("_", ".").split(".")[0])
+    return frozenset(found)
+
+
+def require_complete(fields: tuple[Field, ...] = FIELDS + INTEGER_FIELDS) -> None:
+    """Raises ValueError where a row lacks what is made from it."""
+    names = [field.name for field in fields]
+    for field in fields:
+        if field.role not in ("input", "tunable", "fixed", "output") or not set(field.shape) <= set(COUNTS):
+            raise ValueError(f"fields.py: {field.name!r} has the role {field.role!r} and the shape {field.shape!r}; see Field")
+        if (field.role == "output") != (field.compared in COMPARED):
+            raise ValueError(f"fields.py: compared = {field.compared!r} of {field.name!r}; an output, and nothing else, has one of "
+                             f"{', '.join(COMPARED)}")  # fmt: skip
+        if names.count(field.name) > 1 or (field.rate_of and field.rate_of not in names):
+            raise ValueError(f"fields.py: {field.name!r} stands there twice, or is the rate of an unknown field")
+
+
 def c_header() -> str:
     """The same list as X-macros for the kernel: native/fields.h."""
+    require_complete()
     lines = [
         "/* Written by `python -m tensegrity_core.fields`; edit fields.py instead. */",
         "#ifndef TENSEGRITY_FIELDS_H",
         "#define TENSEGRITY_FIELDS_H",
         "",
+        "enum { " + "".join(f"TS_{letter}, " for letter in COUNTS) + "TS_COUNTS }; /* indices of ts_counts() */",
+        "enum { " + "".join(f"TS_{name.upper()}, " for name in STATS) + "TS_STATS }; /* of ts_stats() */",
         "enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };",
+        "enum { " + "".join(f"TS_ELEMENT_{name.upper()}, " for name in ELEMENTS) + "TS_ELEMENTS };",
         "",
     ]
     for macro, prefix, fields in (("TS_FIELDS", "TS_", FIELDS), ("TS_INT_FIELDS", "TS_INT_", INTEGER_FIELDS)):
-        lines.append(f"/* X(name, role, first count, second count): counts index ts_counts(), -1: none */\n#define {macro}(X) \\")
+        lines.append("/* X(name, role, first count, second count, low, high): counts index ts_counts(), -1: none */")
+        lines.append(f"#define {macro}(X) \\")
         for field in fields:
             shape = [f"TS_{letter}" for letter in field.shape] + ["-1", "-1"]
-            row = f"    X({prefix}{field.name.upper()}, TS_ROLE_{field.role.upper()}, {shape[0]}, {shape[1]})"
+            low = "-INFINITY" if field.low is None else repr(field.low)
+            high = "INFINITY" if field.high is None else repr(field.high)
+            row = f"    X({prefix}{field.name.upper()}, TS_ROLE_{field.role.upper()}, {shape[0]}, {shape[1]}, {low}, {high})"
             lines.append(f"{row} /* {field.unit}: {field.meaning} */ \\")
         lines.append("")
     lines += [
-        "#define TS_NAME(name, role, first, second) name,",
+        "#define TS_NAME(name, role, first, second, low, high) name,",
         "enum { TS_FIELDS(TS_NAME) TS_FIELD_COUNT };",
         "enum { TS_INT_FIELDS(TS_NAME) TS_INT_FIELD_COUNT };",
         "#undef TS_NAME",

@@ -13,16 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .components import spread
 from .errors import InputError, SimulationError, TensegrityError
-from .fields import COUNTS, FIELDS, INTEGER_FIELDS, METHODS, layout
+from .fields import COUNTS, FIELDS, INTEGER_FIELDS, METHODS, STATS, layout, outputs
 from .inputs import Inputs
 from .model import Model, to_bytes
 from .quantities import number
 from .result import Result, Transition
 
 LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
-STATS = ("steps", "rejected", "rhs", "jacobians", "factorisations", "transitions", "restarts", "implicit_steps")
-
 
 #: Calls into which `simulate` divides a step that is more work than one call may take.
 PARTS = 50
@@ -357,13 +356,6 @@ class Kernel:
         return out
 
 
-def _full(model: Model, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Spread a field of (rows, nodes x D) to (rows, N, 3)."""
-    out = np.zeros((len(values), len(model.nodes), 3))
-    out[:, nodes[:, None], list(model.axes)] = values.reshape(len(values), len(nodes), len(model.axes))
-    return out
-
-
 def input_rows(model: Model, inputs: Inputs) -> np.ndarray:
     """(K, inputs) values of all inputs in the order of the kernel's block."""
     inputs, axes, steps = inputs.resolved(model), list(model.axes), len(inputs.times) - 1
@@ -402,42 +394,20 @@ def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: floa
     if method not in METHODS:
         raise InputError(f"method = {method!r} is not one of {', '.join(METHODS)}")
     kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step)
-    given, free, steps = input_rows(model, inputs), model.free_nodes, len(inputs.times) - 1
+    given, steps = input_rows(model, inputs), len(inputs.times) - 1
     block = kernel.values[: given.shape[1]]
-    rows, snapped = np.empty((steps + 1, len(kernel.values))), np.empty((steps + 1, kernel.counts["H"]), dtype=int)
+    rows = np.empty((steps + 1, len(kernel.values)))
+    counts = np.empty((steps + 1, len(kernel.integers)), dtype=int)
     transitions: list[Transition] = []
 
-    counts = kernel["snapped"]
     block[:] = given[0]
     kernel.initialize(inputs.times[0])
-    rows[0], snapped[0] = kernel.values, counts
+    rows[0], counts[0] = kernel.values, kernel.integers
     for k, h in enumerate(np.diff(inputs.times).tolist()):
         block[:] = given[k]
         transitions += _step(kernel, h)
-        rows[k + 1], snapped[k + 1] = kernel.values, counts
+        rows[k + 1], counts[k + 1] = kernel.values, kernel.integers
     series = {name: rows[:, at] for name, at in kernel.layout.items()}
-    scalars = {n: series[n][:, 0] for n in ("kinetic", "potential", "elastic", "dissipated", "input_work", "throughput")}
-    return Result(
-        times=np.array(inputs.times),
-        position=_planar_offset(model, _full(model, np.arange(len(model.nodes)), series["position"])),
-        velocity=_full(model, free, series["velocity"]),
-        string_force=series["string_force"],
-        elastic_force=series["elastic_force"],
-        string_length=series["string_length"],
-        bar_force=series["bar_force"],
-        reaction=_full(model, model.fixed_nodes, series["reaction"]),
-        wound_rest_length=series["wound_rest_length"],
-        wound_rest_length_rate=series["wound_rest_length_rate"],
-        motor_speed=series["motor_speed"],
-        snapped=snapped,
-        transitions=transitions,
-        stats=kernel.stats,
-        **scalars,
-    )
-
-
-def _planar_offset(model: Model, position: np.ndarray) -> np.ndarray:
-    """The coordinate that a planar scene does not compute stays where the start has it."""
-    for axis in set(range(3)) - set(model.axes):
-        position[:, :, axis] = model.nodes[:, axis]
-    return position
+    series |= {name: counts[:, at] for name, at in kernel.integer_layout.items()}
+    found = {field.name: spread(field, model, series[field.name]) for field in outputs()}
+    return Result(np.array(inputs.times), transitions, kernel.stats, **found)

@@ -13,7 +13,7 @@ import numpy as np
 
 from .elements import Beam, Damper, Element, Parallel, Polynomial, Series, Spring, Table
 from .errors import InputError
-from .fields import COUNTS, DAMPING_LAWS, FIELDS, METHODS
+from .fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS
 from .quantities import array_of, floats, number
 
 
@@ -297,11 +297,9 @@ def fnv1a(data: bytes) -> int:
 class _Programs:
     """Force laws as numbers that the kernel reads: each a tree in prefix order; a string keeps where its own begins, -1: none.
 
-    ints: of an element its kind (the place in `KINDS`) and what it counts: coefficients, points and interpolation (0 linear,
+    ints: of an element its kind (the place in `fields.ELEMENTS`) and what it counts: coefficients, points and interpolation (0 linear,
     1 cubic), parts and law; doubles: k; Q, zeta, h; coefficients; x and f.
     """
-
-    KINDS = (Spring, Beam, Polynomial, Table, Parallel, Series)
 
     def __init__(self):
         self.ints: list[int] = []
@@ -318,7 +316,7 @@ class _Programs:
         return self._known[law]
 
     def _write(self, law: Element | Damper) -> None:
-        self.ints.append(self.KINDS.index(type(law)))
+        self.ints.append(ELEMENTS.index(type(law).__name__.lower()))
         if isinstance(law, Spring):
             self.doubles.append(law.k)
         elif isinstance(law, Beam):

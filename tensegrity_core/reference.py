@@ -46,6 +46,7 @@ from .equations import (
     structure,
 )
 from .errors import InputError, SimulationError
+from .fields import INTEGER_FIELDS, outputs
 from .hysteresis import NoStableState, follow
 from .inputs import Inputs
 from .model import Model
@@ -593,9 +594,10 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):    # every step is checked to be finite
         run.go()
     series = {name: np.array([row[name] for row in run.rows]) for name in run.rows[0]}
-    series["snapped"] = series["snapped"].reshape(len(run.rows), -1).astype(int)
-    return Result(times=np.array(inputs.times, dtype=float), transitions=run.transitions,
-                  stats={k: float(v) for k, v in run.stats.items()}, **series)
+    for field in outputs(INTEGER_FIELDS):
+        series[field.name] = series[field.name].reshape(len(run.rows), -1).astype(int)
+    stats = {name: float(value) for name, value in run.stats.items()}
+    return Result(np.array(inputs.times, dtype=float), run.transitions, stats, **series)
 
 
 def _check_inputs(model: Model, inputs: Inputs) -> None:

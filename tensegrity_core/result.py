@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+
+from .fields import Field, outputs
 
 
 @dataclass(frozen=True)
@@ -21,46 +24,46 @@ class Transition:
     loss: float = 0.0
 
 
-@dataclass
 class Result:
     """Series at the communication points times (K+1,), s.  Values are those at the end of the step that led there;
     row 0 is the start under the inputs of step 0.
 
-    position, velocity: (K+1, N, 3) m, m/s; string_force (elastic and damping), elastic_force: (K+1, S) N;
-    string_length: (K+1, S) m; bar_force: (K+1, B) N, tension positive, -lambda l of eq. 1 (the mean over the bar);
-    reaction: (K+1, N, 3) N, zero at free nodes; kinetic, potential, elastic, dissipated, input_work, throughput: (K+1,) J;
-    snapped: (K+1, H) int, beams past their force maximum; wound_rest_length, wound_rest_length_rate, motor_speed: (K+1, A) m,
-    m/s, rad/s, of the strings with an actuator; velocities are zero at fixed nodes, moved or not; transitions: in order of
-    time; stats: counters of the run.
+    transitions: in order of time; stats: counters of the run; outputs: name -> series, each an attribute, too:
+
     """
 
-    times: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    string_force: np.ndarray
-    elastic_force: np.ndarray
-    string_length: np.ndarray
-    bar_force: np.ndarray
-    reaction: np.ndarray
-    kinetic: np.ndarray
-    potential: np.ndarray
-    elastic: np.ndarray
-    dissipated: np.ndarray
-    input_work: np.ndarray
-    throughput: np.ndarray
-    snapped: np.ndarray
-    transitions: list[Transition] = field(default_factory=list)
-    stats: dict[str, float] = field(default_factory=dict)
-    wound_rest_length: np.ndarray = None
-    wound_rest_length_rate: np.ndarray = None
-    motor_speed: np.ndarray = None
+    def __init__(self, times: np.ndarray, transitions: Iterable[Transition] = (), stats: dict[str, float] | None = None,
+                 **series: np.ndarray):
+        """Raises ValueError where the series are not those of all outputs."""
+        wanted, given = {field.name for field in outputs()}, set(series)
+        if given != wanted:
+            odd = [f"{name!r} is missing" for name in sorted(wanted - given)]
+            odd += [f"{name!r} is none" for name in sorted(given - wanted)]
+            raise ValueError(f"a result has a series for each output of fields.py: {', '.join(odd)}")
+        self.times, self.transitions, self.stats = times, list(transitions), dict(stats or {})
+        self.outputs = {field.name: series[field.name] for field in outputs()}
 
-    def __post_init__(self):
-        for name in ("wound_rest_length", "wound_rest_length_rate", "motor_speed"):
-            if getattr(self, name) is None:
-                setattr(self, name, np.zeros((len(self.times), 0)))
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name != "outputs" and name in self.outputs:
+            return self.outputs[name]
+        raise AttributeError(f"a result has no series {name!r}; it has {', '.join(self.__dict__.get('outputs', ()))}")
+
+    def __dir__(self):
+        return [*super().__dir__(), *self.outputs]
 
     def ledger_error(self) -> float:
         """Largest gap in the energy ledger over the run, relative to max(1 J, integral of the sum of |power|)."""
         balance = self.kinetic + self.potential + self.elastic + self.dissipated - self.input_work
         return float(np.max(np.abs(balance - balance[0])) / max(1.0, float(self.throughput[-1])))
+
+
+def _line(field: Field) -> str:
+    """A series in one line of the docstring: name, shape, unit, meaning."""
+    shape = "(K+1, N, 3)" if field.shape[-1:] == ("D",) else f"(K+1, {field.shape[0]})" if field.shape else "(K+1,)"
+    return f"    {field.name}: {shape} {field.unit}; {field.meaning}"
+
+
+Result.__doc__ = str(Result.__doc__).rstrip() + "\n\n" + "\n".join(map(_line, outputs())) + """
+
+    Vectors are zero at nodes that a series does not count: velocities at fixed nodes, moved or not, reactions at free ones.
+    """

@@ -29,6 +29,7 @@ from pydantic_core import PydanticCustomError
 
 from . import costs, elements, scene_files
 from .errors import SceneError
+from .fields import owned_words
 from .scene_files import BUILTIN_SCENES, EXTENDS_MEANING, IDENTIFIER, SCENE_FOLDER, lookup, place_of
 
 #: Axes that a scene uses -> their places among x, y, z.
@@ -41,10 +42,7 @@ RESERVED_NAMES = ("energy", "solver", "gravity", "time")
 DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(1, 10)))
 
 #: First words of the variables that a component owns (`n4.force.x`, `s1.rest_length`, ...).
-VARIABLE_WORDS = frozenset(
-    "x y z force velocity reaction mass rest length elastic stiffness damping snapped current nsh "
-    "drag position acceleration actuator".split()
-)
+VARIABLE_WORDS = owned_words()
 
 SHORTEST = 1e-9  # m: below this a member has no usable direction
 LONGEST_NAME = 128  # letters

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import changed, push, scene
 
-from tensegrity_core import fields, kernel, nsh, reference
+from tensegrity_core import components, fields, kernel, nsh, reference
 from tensegrity_core.errors import InputError, SimulationError, TensegrityError
 from tensegrity_core.inputs import Inputs, grid, held
 from tensegrity_core.kernel import Kernel
@@ -573,3 +573,41 @@ def test_step_sizes_are_irrelevant_to_moving_rest_lengths():
     a, b = kernel.simulate(model, one), kernel.simulate(model, many)
     np.testing.assert_allclose(a.position[-1], b.position[-1], rtol=0, atol=1e-9)
     assert a.ledger_error() < 1e-8 and b.ledger_error() < 1e-8
+
+
+# --- one list of variables -----------------------------------------------------------------------------------------
+
+
+def test_a_result_has_all_outputs_and_no_other():
+    model = scene("two_bar")
+    run = kernel.simulate(model, held(model, grid(0.01, 0.01)))
+    assert list(run.outputs) == [field.name for field in fields.outputs()] and run.position is run.outputs["position"]
+    assert all(name in run.__doc__ for name in run.outputs) and set(run.outputs) <= set(dir(run))
+    with pytest.raises(AttributeError, match="no series 'heat'"):
+        run.heat
+    with pytest.raises(ValueError, match="'snapped' is missing"):
+        type(run)(run.times, **{name: series for name, series in run.outputs.items() if name != "snapped"})
+    with pytest.raises(ValueError, match="'heat' is none"):
+        type(run)(run.times, heat=run.times, **run.outputs)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"compared": ""}, "compared = ''"), ({"compared": "colour"}, "compared = 'colour'"), ({"role": "outptu"}, "'outptu'"),
+    ({"shape": ("X",)}, "'X'"), ({"rate_of": "cold"}, "unknown field")])  # fmt: skip
+def test_an_incomplete_row_is_refused(change, words):
+    row = fields.outputs()[0]._replace(name="heat", **change)
+    with pytest.raises(ValueError, match=words):
+        fields.require_complete((*fields.FIELDS, row))
+
+
+def test_results_are_spread_and_flattened():
+    """Over nodes, axes and single values, in a planar scene with fixed nodes."""
+    model = scene("two_bar_nsh")
+    random = np.random.default_rng(0)
+    for field in fields.outputs():
+        flat = random.normal(size=(3, fields.size(field, model.counts)))
+        full = components.spread(field, model, flat)
+        np.testing.assert_array_equal(components.flattened(field, model, full), flat)
+        assert len(components.names(field, model)) == flat.shape[1]
+        if field.shape[-1:] == ("D",):
+            assert full.shape == (3, len(model.nodes), 3)

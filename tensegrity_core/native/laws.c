@@ -13,7 +13,6 @@
 #define SAME 1e-6 /* of an interval: places that are one */
 #define SAMPLES 64  /* of the slope of a fitted sum, to find its extrema */
 
-enum { SPRING, BEAM, POLYNOMIAL, TABLE, PARALLEL, SERIES, KINDS }; /* as in model.py */
 
 void ts_law_free(ts_law *law)
 {
@@ -449,14 +448,14 @@ static ts_law *read_parts(program *p, int n, int depth, const char **reason)
 
 static void compile_parts(ts_law *law, program *p, int kind, int depth)
 {
-    int n = next_int(p, 1, 100000), memory = kind == SERIES ? next_int(p, 0, 1) : 0;
+    int n = next_int(p, 1, 100000), memory = kind == TS_ELEMENT_SERIES ? next_int(p, 0, 1) : 0;
     if (memory) {
         law->reason = memory < 0 ? "a force law is damaged" : "a hysteretic series is not the outermost element of its string";
         return;
     }
     ts_law *part = read_parts(p, n, depth, &law->reason);
     if (!part) return;
-    if (kind == PARALLEL) add_parallel(law, part, n);
+    if (kind == TS_ELEMENT_PARALLEL) add_parallel(law, part, n);
     else ts_series(law, part, n);
     free_parts(part, n);
 }
@@ -476,34 +475,34 @@ static int all_positive(const double *v, int n)
 
 static void compile(ts_law *law, program *p, int depth)
 {
-    int kind = depth < 64 ? next_int(p, 0, KINDS - 1) : -1, count, cubic;
+    int kind = depth < 64 ? next_int(p, 0, TS_ELEMENTS - 1) : -1, count, cubic;
     const double *v = NULL;
     switch (kind) {
-    case SPRING:
+    case TS_ELEMENT_SPRING:
         if ((v = next_values(p, 1)) && all_positive(v, 1)) compile_polynomial(law, v, 1);
         else law->reason = "a spring's stiffness is not positive";
         break;
-    case BEAM:
+    case TS_ELEMENT_BEAM:
         if ((v = next_values(p, 3)) && all_positive(v, 3)) ts_law_beam(law, v[0], v[1], v[2]);
         else law->reason = "a beam's parameter is not positive";
         break;
-    case POLYNOMIAL:
+    case TS_ELEMENT_POLYNOMIAL:
         count = next_int(p, 1, TS_DEGREE);
         if (count > 0 && (v = next_values(p, count))) compile_polynomial(law, v, count);
         break;
-    case TABLE:
+    case TS_ELEMENT_TABLE:
         count = next_int(p, 2, 1000000);
         cubic = next_int(p, 0, 1);
         if (count > 0 && cubic >= 0 && (v = next_values(p, 2 * count))) compile_table(law, v, v + count, count, cubic);
         break;
-    case PARALLEL:
-    case SERIES:
+    case TS_ELEMENT_PARALLEL:
+    case TS_ELEMENT_SERIES:
         compile_parts(law, p, kind, depth);
         v = p->values;
         break;
     }
     if (!v && !law->reason) law->reason = "a force law is damaged";
-    if (kind == POLYNOMIAL || kind == TABLE) count_snaps(law);
+    if (kind == TS_ELEMENT_POLYNOMIAL || kind == TS_ELEMENT_TABLE) count_snaps(law);
     double energy = 0.0;
     for (int i = 0; i < law->n && !law->reason; i++) {
         const ts_piece *piece = &law->s[i].p;
@@ -529,7 +528,7 @@ void ts_law_compile(ts_law *law, const ts_model *m, int32_t first_int, int32_t f
 int ts_law_has_memory(const ts_model *m, int32_t first_int)
 {
     if (first_int < 0 || first_int + 2 >= m->program_ints) return 0;
-    return m->program[first_int] == SERIES && m->program[first_int + 2] == 1;
+    return m->program[first_int] == TS_ELEMENT_SERIES && m->program[first_int + 2] == 1;
 }
 
 /* Its parts; a reason why not, or NULL. */
@@ -537,7 +536,7 @@ const char *ts_law_parts(ts_law **part, int *n, const ts_model *m, int32_t first
 {
     program p = program_at(m, first_int, first_double);
     const char *reason = NULL;
-    next_int(&p, 0, KINDS - 1);
+    next_int(&p, 0, TS_ELEMENTS - 1);
     *n = next_int(&p, 1, 100000);
     next_int(&p, 0, 1);
     *part = read_parts(&p, *n, 0, &reason);

@@ -26,7 +26,7 @@ uint64_t ts_fnv(const void *bytes, size_t size)
 static const struct {
     int role, first, second;
 } field_table[] = {
-#define ROW(name, role, first, second) {role, first, second},
+#define ROW(name, role, first, second, low, high) {role, first, second},
     TS_FIELDS(ROW) TS_INT_FIELDS(ROW)
 #undef ROW
 };

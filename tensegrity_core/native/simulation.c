@@ -98,28 +98,23 @@ int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
 }
 void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
 
-/* Is a value of this field acceptable?  A reason why not, or NULL. */
-static const char *refuse(int field, double x)
+static const struct {
+    double low, high;
+} bounds[] = {
+#define ROW(name, role, first, second, low, high) {low, high},
+    TS_FIELDS(ROW)
+#undef ROW
+};
+
+/* Is a value of this field acceptable?  If not, say why. */
+static int accept(ts_sim *sim, int field, double x)
 {
-    if (!isfinite(x)) return "is not a finite number";
-    switch (field) {
-    case TS_REST_LENGTH: return x < 0.0 ? "must not be negative" : NULL;
-    case TS_STIFFNESS:
-    case TS_DAMPING:
-    case TS_DRAG:
-    case TS_POINT_MASS:
-    case TS_MOTOR_DAMPING:
-    case TS_MAX_STEP: return x < 0.0 ? "must not be negative" : NULL;
-    case TS_BAR_MASS:
-    case TS_MOTOR_INERTIA:
-    case TS_TORQUE_CONSTANT:
-    case TS_DRUM_RADIUS:
-    case TS_NSH_Q:
-    case TS_NSH_H: return x > 0.0 ? NULL : "must be positive";
-    case TS_NSH_ZETA: return x > 0.0 ? NULL : "must be positive";
-    case TS_TOLERANCE: return x >= 1e-14 && x <= 0.1 ? NULL : "must lie between 1e-14 and 0.1";
-    default: return NULL;
-    }
+    double low = bounds[field].low, high = bounds[field].high;
+    if (isfinite(x) && x >= low && x <= high) return 1;
+    if (!isfinite(x)) say(sim, "is not a finite number");
+    else if (high < INFINITY) snprintf(sim->message, sizeof sim->message, "must lie between %g and %g", low, high);
+    else say(sim, low > 0.0 ? "must be positive" : "must not be negative");
+    return 0;
 }
 
 /* Only a law with memory knows beams that are not metastable.  The first that is not where it must be, or -1. */
@@ -150,10 +145,8 @@ static int check_fields(ts_sim *sim, int end, int32_t *index)
     const ts_model *m = &sim->m;
     for (int f = 0; f < end; f++)
         for (int i = m->at[f]; i < m->at[f + 1]; i++) {
-            const char *reason = refuse(f, sim->values[i]);
-            if (!reason) continue;
+            if (accept(sim, f, sim->values[i])) continue;
             *index = i;
-            say(sim, reason);
             return TS_BAD_INPUT;
         }
     return TS_OK;
@@ -299,6 +292,7 @@ int ts_initialize(ts_sim *sim, double time)
     ts_place_all(sim);
     sim->transition_count = sim->memory.stats[TS_TRANSITIONS] = 0;
     ts_rhs(sim, 0.0, sim->y, sim->f0);
+    for (int i = sim->n_applied; i < m->n_real; i++) sim->values[i] = NAN; /* an output that nothing fills is found below */
     ts_outputs(sim, 0.0);
     status = check_outputs(sim, "at the start");
     if (!all_finite(sim->f0, 2 * m->nq)) {

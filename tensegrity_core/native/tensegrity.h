@@ -7,6 +7,8 @@
 #ifndef TENSEGRITY_H
 #define TENSEGRITY_H
 
+#include "fields.h"
+
 #include <stddef.h>
 #include <stdint.h>
 
@@ -33,8 +35,6 @@ typedef enum {
     TS_STATUS_COUNT
 } ts_status;
 
-enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, TS_A, TS_COUNTS }; /* indices of ts_counts(), letters of fields.py */
-
 typedef struct {
     double time;    /* s */
     double loss;    /* J, dissipated by a snap of a string with memory */
@@ -43,8 +43,6 @@ typedef struct {
     int32_t after;
     int32_t padding;
 } ts_transition;
-
-enum { TS_STEPS, TS_REJECTED, TS_RHS, TS_JACOBIANS, TS_FACTORISATIONS, TS_TRANSITIONS, TS_RESTARTS, TS_IMPLICIT_STEPS, TS_STATS };
 
 /* Make a simulation from a packed model (model.py, to_bytes).  NULL on failure, with the reason in message. */
 TS_API ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity);
