@@ -158,7 +158,7 @@ def curves(model: Model) -> Record:
 def trajectory(simulate: Callable, model: Model, duration: float, **options) -> Record:
     """All series of a run, its transitions and its counters."""
     result = simulate(model, history(model, duration), **options)
-    record = {name: value for name, value in vars(result).items() if isinstance(value, np.ndarray)}
+    record = {"times": result.times, **result.outputs}
     record["transitions.time"] = np.array([one.time for one in result.transitions])
     record["transitions.loss"] = np.array([one.loss for one in result.transitions])
     found = [(one.string, one.before, one.after) for one in result.transitions]
