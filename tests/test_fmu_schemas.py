@@ -26,7 +26,7 @@ from support import scene  # noqa: E402
 
 from fmu_src import model_description  # noqa: E402
 from fmu_src.actuator import detached  # noqa: E402
-from fmu_src.interface import DERIVATIVES, variables  # noqa: E402
+from fmu_src.interface import RATES, variables  # noqa: E402
 from fmu_src.libraries import here, host_library  # noqa: E402
 from fmu_src.native_fmu import Contents, native_fmu_files  # noqa: E402
 from fmu_src.pack import CORE, python_fmu_files  # noqa: E402
@@ -171,7 +171,7 @@ def test_derivatives_name_what_they_are_derivatives_of():
     assert told["n4.velocity.z"] == "n4.z" and told["s1.rest_length_rate"] == "s1.rest_length"
     assert told["n1.velocity.x"] == "n1.position.x" and told["n1.acceleration.x"] == "n1.velocity.x"
     assert told["s4.rest_length_rate"] == "s4.rest_length" and table["s4.rest_length"].causality == "output"
-    assert len(told) == sum(row.field in DERIVATIVES for row in table.values())
+    assert len(told) == sum(row.field in RATES for row in table.values())
 
 
 def test_derivatives_are_those_of_the_motion():
