@@ -29,18 +29,19 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import machine  # noqa: E402
 from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
 
-from tensegrity_core import steady_states  # noqa: E402
-from tensegrity_core.equilibrium import Loading  # noqa: E402
-from tensegrity_core.files import write_text  # noqa: E402
-from tensegrity_core.inputs import grid, held  # noqa: E402
-from tensegrity_core.kernel import Kernel, simulate  # noqa: E402
-from tensegrity_core.modes import modes  # noqa: E402
-from tensegrity_core.path_figures import Quantity, curve  # noqa: E402
-from tensegrity_core.nsh import snapped_on_piece  # noqa: E402
-from tensegrity_core.paths import follow  # noqa: E402
-from tensegrity_core.scene import load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
-from tensegrity_core.string_laws import string_laws  # noqa: E402
+from tensegrity_core.equilibria import steady_states
+from tensegrity_core.equilibria import sudden as sudden_loads
+from tensegrity_core.equilibria.loading import Loading
+from tensegrity_core.equilibria.modes import modes
+from tensegrity_core.equilibria.paths import follow
+from tensegrity_core.files import write_text
+from tensegrity_core.kernel import Kernel, simulate
+from tensegrity_core.laws.nsh import snapped_on_piece
+from tensegrity_core.laws.string_laws import string_laws
+from tensegrity_core.model import grid, held
+from tensegrity_core.output.path_figures import Quantity, curve
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
 
 SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
 LOADS = np.arange(10.0, 73.0, 2.0)  # N on each top node
@@ -78,8 +79,8 @@ class Case:
     def careful(self) -> steady_states.Sweep:
         return steady_states.load_sweep(self.loading, [0.0, *LOADS], careful=True)
 
-    def suddenly(self, known: list[list]) -> list[steady_states.Sudden]:
-        loads = steady_states.SuddenLoads(self.up.equations)
+    def suddenly(self, known: list[list]) -> list[sudden_loads.Sudden]:
+        loads = sudden_loads.SuddenLoads(self.up.equations)
         return [loads.state(load, points) for load, points in zip(LOADS.tolist(), known)]
 
     def released(self, load: float) -> None:
@@ -102,7 +103,7 @@ class Case:
     def round(self) -> None:
         self.up = self.timed("sweep", self.sweep)
         self.carefully = self.timed("careful", self.careful)
-        known = [steady_states.states_at(self.up.stretches, load) for load in LOADS.tolist()]
+        known = [sudden_loads.states_at(self.up.stretches, load) for load in LOADS.tolist()]
         self.sudden = self.timed("sudden", lambda: self.suddenly(known))
         self.timed("runs", lambda: self.runs(1))
         self.timed("rows", lambda: self.runs(round(DURATION / ROW)))
@@ -147,7 +148,7 @@ def states(case: Case) -> list[dict]:
     for load, up, down, sudden in zip(LOADS.tolist(), slow, fallen, case.sudden):
         run, nodes = waited(case, load), case.up.equations.nodes(sudden.point.free)
         slowest = modes(case.loading.model_at(load, nodes), load * case.lift)[0]
-        known = [p for p in steady_states.states_at(paths, load) if p.stable]
+        known = [p for p in sudden_loads.states_at(paths, load) if p.stable]
         rows.append({
             "load": load,
             "height_slow": height(case, up), "height_back": height(case, down), "height_sudden": height(case, nodes),
@@ -349,11 +350,11 @@ tensegrity modes six_bar --force n10.z=10 n11.z=10 n12.z=10 --figure modes.svg -
 
 PYTHON = """```python
 import numpy as np
-from tensegrity_core.equilibrium import Loading
-from tensegrity_core.modes import modes
+from tensegrity_core.equilibria.loading import Loading
+from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
-from tensegrity_core.steady_states import SuddenLoads, detours, load_sweep, states_at
+from tensegrity_core.equilibria.steady_states import detours, load_sweep; from tensegrity_core.equilibria.sudden import SuddenLoads, states_at
 
 model = build_model(load_scene("two_bar_nsh"))
 lift = np.zeros_like(model.nodes)

@@ -24,16 +24,16 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import machine  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
-from fmu_src.interface import variables  # noqa: E402
-from fmu_src.native_fmu import here, pack_native_fmu  # noqa: E402
-from fmu_src.outside import Instance, Ports  # noqa: E402
-from fmu_src.pack import pack_python_fmu  # noqa: E402
-from tensegrity_core.files import scratch, write_bytes  # noqa: E402
-from tensegrity_core.kernel import Kernel  # noqa: E402
-from tensegrity_core.model import Model, to_bytes  # noqa: E402
-from tensegrity_core.native import build  # noqa: E402
-from tensegrity_core.scene import load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from fmu_src.interface import variables
+from fmu_src.native_fmu import here, pack_native_fmu
+from fmu_src.outside import Instance, Ports
+from fmu_src.pack import pack_python_fmu
+from tensegrity_core.files import scratch, write_bytes
+from tensegrity_core.kernel import Kernel, to_bytes
+from tensegrity_core.model import Model
+from tensegrity_core.native import build
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
 
 SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
 JUDGED = "three_bar_nsh"  # by which the targets are

@@ -35,11 +35,11 @@ import problems  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from stability.common import new_figure, save, style, table, wrapped  # noqa: E402
 
-from tensegrity_core.files import write_text  # noqa: E402
-from tensegrity_core.kernel import Kernel  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
-from tensegrity_core.towers import tower  # noqa: E402
+from tensegrity_core.files import write_text
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.model import Model
+from tensegrity_core.scene.towers import tower
+from tensegrity_core.statics import build_model
 
 STAGES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 METHODS = {"dop853": "explicit (DOP853)", "rodas5p": "L-stable (Rodas5P)", "radau9": "L-stable (Radau IIA)"}

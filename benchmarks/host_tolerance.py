@@ -18,11 +18,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT)]
 
-from fmu_src import compare, scenarios  # noqa: E402
-from tensegrity_core.inputs import grid, held  # noqa: E402
-from tensegrity_core.kernel import simulate  # noqa: E402
-from tensegrity_core.scene import builtin_scenes, load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from fmu_src import compare, scenarios
+from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
+from tensegrity_core.scene import builtin_scenes, load_scene
+from tensegrity_core.statics import build_model
 
 TOLERANCES = tuple(10.0**-k for k in range(4, 13))
 #: Of the truth: method and tolerance; beside it, a run at a tenth of its effort tells how well it is known.

@@ -11,12 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from tensegrity_core.inputs import held
 from tensegrity_core.kernel import input_rows
-from tensegrity_core.model import NSH, Model
+from tensegrity_core.model import NSH, Model, held
 from tensegrity_core.scene import load_scene
+from tensegrity_core.scene.towers import tower
 from tensegrity_core.statics import build_model
-from tensegrity_core.towers import tower
 
 SCENES = ("two_bar", "three_bar", "six_bar", "two_bar_nsh", "three_bar_nsh", "six_bar_nsh", "tower")
 #: Stages of three bars of the tower.

@@ -2,7 +2,7 @@
  *
  *   scene_costs ROUNDS METHODS { MODEL FORCE DURATION WHAT } ...
  *
- * METHODS: numbers of methods, such as 1,2,5; MODEL: a packed model (tensegrity_core.model.to_bytes); FORCE: the force on the
+ * METHODS: numbers of methods, such as 1,2,5; MODEL: a packed model (tensegrity_core.kernel.to_bytes); FORCE: the force on the
  * free nodes as doubles, N, or - for none; DURATION: of a run, s; WHAT: letters, p: parts with all strings' data at hand,
  * c: the same after the caches were emptied, r: runs.
  *

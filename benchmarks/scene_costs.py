@@ -36,12 +36,13 @@ import problems  # noqa: E402
 from peers import toolchain  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
-from tensegrity_core.fields import METHODS  # noqa: E402
-from tensegrity_core.files import scratch, write_bytes  # noqa: E402
-from tensegrity_core.model import Model, to_bytes  # noqa: E402
-from tensegrity_core.scene import load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
-from tensegrity_core.towers import tower  # noqa: E402
+from tensegrity_core.fields import METHODS
+from tensegrity_core.files import scratch, write_bytes
+from tensegrity_core.kernel import to_bytes
+from tensegrity_core.model import Model
+from tensegrity_core.scene import load_scene
+from tensegrity_core.scene.towers import tower
+from tensegrity_core.statics import build_model
 
 STEPPED = ("dop853", "rodas5p", "radau9", "ros2")
 PARTS = {

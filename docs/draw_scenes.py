@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
-from tensegrity_core.model import Model
-from tensegrity_core.plots import BAR, ELEVATION, NSH, Drawing, frame, new_axes, new_figure, slack_strings, write_frames
+from tensegrity_core.model import Model, grid, held
+from tensegrity_core.output.plots import BAR, ELEVATION, NSH, Drawing, frame, new_axes, new_figure, slack_strings, write_frames
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 

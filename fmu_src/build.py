@@ -7,7 +7,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from tensegrity_core.command import Parser
+from tensegrity_core.commands.common import Parser
 from tensegrity_core.errors import TensegrityError, shown
 from tensegrity_core.interrupts import program
 from tensegrity_core.model import Model

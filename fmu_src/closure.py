@@ -8,37 +8,41 @@ from pathlib import Path
 
 
 def import_closure(package: Path, *modules: str) -> tuple[list[Path], set[str]]:
-    """Files of `package` (a folder) that its modules of these names import, themselves included, and the names of other
-    packages outside the standard library.  Looks at import statements anywhere in the files, relative or by full name.
+    """Files of `package` (a folder) that its modules of these names (with dots below the package) import, themselves and the
+    packages they stand in included, and the names of other packages outside the standard library.  Looks at import statements
+    anywhere in the files, relative or by full name.
     """
-    files: dict[str, Path] = {}
+    files: set[Path] = set()
     foreign: set[str] = set()
-    todo = ["__init__", *modules]
+    todo = [package.name, *(f"{package.name}.{module}" for module in modules)]
     while todo:
         name = todo.pop()
-        path = package / f"{name}.py"
-        if name in files or not path.is_file():
+        path = _file(package, name)
+        if path is None or path in files:
             continue
-        files[name] = path
-        for module, names in _imports(path):
-            inside = module is None or module.split(".")[0] == package.name
-            if inside:
-                rest = module.split(".")[1:] if module else []
-                todo += rest[:1] or names
+        files.add(path)
+        todo.append(name.rpartition(".")[0])
+        within = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        for module, names in _imports(path, within):
+            if module.split(".")[0] == package.name:
+                todo += [module, *(f"{module}.{name}" for name in names)]
             elif module.split(".")[0] not in sys.stdlib_module_names:
                 foreign.add(module.split(".")[0])
-    return sorted(files.values()), foreign
+    return sorted(files), foreign
 
 
-def _imports(path: Path):
-    """(module or None for the package itself, names imported from it) for each import statement of a file."""
+def _file(package: Path, module: str) -> Path | None:
+    """Of a module by its full name; None: what is imported is no module."""
+    place = package.parent.joinpath(*module.split("."))
+    return next((path for path in (place / "__init__.py", place.with_suffix(".py")) if path.is_file()), None)
+
+
+def _imports(path: Path, within: str):
+    """(module by its full name, names imported from it) for each import statement of a file; within: the package it stands in."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name, []
         elif isinstance(node, ast.ImportFrom):
-            names = [alias.name for alias in node.names]
-            if node.level == 0:
-                yield node.module, names
-            elif node.level == 1:
-                yield f"{path.parent.name}.{node.module}" if node.module else None, names
+            above = within.split(".")[: len(within.split(".")) - node.level + 1] if node.level else []
+            yield ".".join([*above, *filter(None, [node.module])]), [alias.name for alias in node.names]

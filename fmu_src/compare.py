@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_core.components import spread
 from tensegrity_core.fields import COMPARED, FIELDS, outputs
-from tensegrity_core.model import Model
-from tensegrity_core.result import Result, Transition
+from tensegrity_core.model import Model, Result, Transition
+from tensegrity_core.model.components import spread
 
 from .interface import Variable
 from .sensitivity import JUMPING, OUTPUTS, Spread, away, match, near_transitions

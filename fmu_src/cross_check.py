@@ -14,11 +14,10 @@ import numpy as np
 
 import tensegrity_core
 from tensegrity_core import reference
-from tensegrity_core.components import flattened
 from tensegrity_core.fields import outputs
 from tensegrity_core.files import replacing_folder, write_text
-from tensegrity_core.model import Model
-from tensegrity_core.result import Result
+from tensegrity_core.model import Model, Result
+from tensegrity_core.model.components import flattened
 
 from .interface import Variable, variables
 from .model_description import plain

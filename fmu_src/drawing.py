@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 
 from tensegrity_core.model import Model
-from tensegrity_core.plots import draw, new_axes, new_figure
+from tensegrity_core.output.plots import draw, new_axes, new_figure
 
 
 def model_png(model: Model, pixels: int = 480) -> bytes:

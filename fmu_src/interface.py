@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tensegrity_core import laws
-from tensegrity_core.components import components
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
+from tensegrity_core.model.components import components
 
 from .dependencies import initial_dependencies
 

@@ -17,12 +17,13 @@ import numpy as np
 
 import tensegrity_core
 from tensegrity_core.fields import METHODS
-from tensegrity_core.model import fnv1a, Model, to_bytes
+from tensegrity_core.kernel import fnv1a, to_bytes
+from tensegrity_core.model import Model
 from tensegrity_core.native import build
 
 from . import terminals
-from .interface import by_reference, Variable, variables
-from .libraries import cross_compiled, here, host_library, on_arm, PackError
+from .interface import Variable, by_reference, variables
+from .libraries import PackError, cross_compiled, here, host_library, on_arm
 from .model_description import Runtime, build_description, plain
 from .pack import complete, write_zip
 

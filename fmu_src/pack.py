@@ -17,16 +17,16 @@ import pythonfmu
 
 import tensegrity_core
 from tensegrity_core.files import replacing
-from tensegrity_core.kernel import LIBRARY
-from tensegrity_core.model import fnv1a, Model, to_bytes
+from tensegrity_core.kernel import LIBRARY, fnv1a, to_bytes
+from tensegrity_core.model import Model
 
 from .closure import import_closure
 from .documentation import index_html
 from .drawing import model_png
-from .interface import by_reference, Variable, variables
-from .libraries import cross_compiled, here, host_library, HOSTS, on_arm, PackError
+from .interface import Variable, by_reference, variables
+from .libraries import HOSTS, PackError, cross_compiled, here, host_library, on_arm
 from .model_description import Experiment, Runtime, content_guid, model_description, plain
-from .places import clone, DISTRIBUTION
+from .places import DISTRIBUTION, clone
 
 HERE = Path(__file__).parent
 #: What the FMU's library runs, above the private package.
@@ -152,7 +152,7 @@ def _core_files(kernels: dict[str, Path]) -> dict[str, bytes]:
     sources, foreign = import_closure(CORE, "kernel", "errors")
     if foreign - {"numpy"}:
         raise PackError(f"the kernel's modules import {sorted(foreign - {'numpy'})}: an FMU may need numpy only")
-    files = {path.name: path.read_bytes() for path in sources}
+    files = {path.relative_to(CORE).as_posix(): path.read_bytes() for path in sources}
     files |= {f"native/{name}/{library.name}": library.read_bytes() for name, library in kernels.items()}
     for path in sorted({*MAIN.parent.glob("*.py")} - {MAIN}):
         files[f"python_runtime/{path.name}"] = path.read_bytes()

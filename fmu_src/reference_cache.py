@@ -19,11 +19,9 @@ import numpy as np
 import scipy
 
 import tensegrity_core
-from tensegrity_core.files import write_bytes
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.inputs import Inputs
-from tensegrity_core.model import Model
-from tensegrity_core.result import Result, Transition
+from tensegrity_core.files import write_bytes
+from tensegrity_core.model import Inputs, Model, Result, Transition
 
 from .closure import import_closure
 
@@ -40,9 +38,10 @@ def reference_key(model: Model, inputs: Inputs, settings: dict, core: Path | Non
         digest.update(f"{name}\0{len(content)}\0".encode())
         digest.update(content)
 
-    sources, _ = import_closure(core or Path(tensegrity_core.__file__).parent, "reference")
+    core = core or Path(tensegrity_core.__file__).parent
+    sources, _ = import_closure(core, "reference")
     for path in sources:
-        add(path.name, path.read_bytes())
+        add(path.relative_to(core).as_posix(), path.read_bytes())
     for where in (model, inputs):
         for item in fields(where):
             value = getattr(where, item.name)

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tensegrity_core.experiments import top_nodes
-from tensegrity_core.inputs import Inputs, grid, held
-from tensegrity_core.model import Model
+from tensegrity_core.article.experiments import top_nodes
+from tensegrity_core.model import Inputs, Model, grid, held
 
 #: Simulated time and communication step, s.
 DURATION, STEP = 5.0, 0.01

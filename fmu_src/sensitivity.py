@@ -17,9 +17,7 @@ import numpy as np
 
 from tensegrity_core import kernel
 from tensegrity_core.fields import COMPARED, FIELDS, outputs
-from tensegrity_core.inputs import Inputs
-from tensegrity_core.model import Model
-from tensegrity_core.result import Result, Transition
+from tensegrity_core.model import Inputs, Model, Result, Transition
 
 #: Tolerance of the runs, and the directions of the start errors, each there and back.
 TOLERANCE, DIRECTIONS = 1e-11, 2

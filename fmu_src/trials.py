@@ -17,8 +17,7 @@ import numpy as np
 
 from tensegrity_core import kernel
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.inputs import Inputs, grid, held
-from tensegrity_core.model import Model
+from tensegrity_core.model import Inputs, Model, grid, held
 
 from .scenarios import DAMPINGS, Scenario, shown_damping
 

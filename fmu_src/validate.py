@@ -23,8 +23,7 @@ from tensegrity_core import kernel, processes, reference
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.fields import layout
 from tensegrity_core.files import replacing, scratch, write_bytes, write_text
-from tensegrity_core.model import Model
-from tensegrity_core.result import Result, Transition
+from tensegrity_core.model import Model, Result, Transition
 
 from .compare import Comparison, compare, series
 from .interface import Variable, variables

@@ -182,7 +182,7 @@ def _new_file(folder: Path) -> tuple[Path, int]:
     while True:
         path = folder / f".tensegrity-{secrets.token_hex(8)}.tmp"
         handle = os.open(path, _NEW | _HARMLESS, 0o666)
-        if _locked(handle):
+        if locked(handle):
             return path, handle
         os.close(handle)
 
@@ -193,13 +193,13 @@ def _new_folder(parent: Path) -> tuple[Path, int]:
         folder = parent / f".tensegrity-{secrets.token_hex(8)}.tmp"
         folder.mkdir(mode=0o700)
         handle = os.open(folder / OWNER, _NEW | _HARMLESS, 0o600)
-        if _locked(handle):
+        if locked(handle):
             (folder / FILLED).mkdir()
             return folder, handle
         os.close(handle)
 
 
-def _locked(handle: int) -> bool:
+def locked(handle: int) -> bool:
     """Lock a new file; False where somebody took it for a leftover in the moment between."""
     if fcntl:
         try:

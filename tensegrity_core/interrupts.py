@@ -50,7 +50,7 @@ def program(run: Callable[[], int]) -> NoReturn:
     os._exit(code)
 
 
-class _Requests:
+class Requests:
     """Handler of signals of ASKING while a program is `interruptible`.  held: how many `held_back` blocks it is in; pending: what
     has come meanwhile."""
 
@@ -88,7 +88,7 @@ def interruptible(run: Callable[[], int]) -> int:
 
     All `with` blocks that the program is in are left, then one line on stderr says so.  For the main thread.
     """
-    requests, shown, before = _Requests(), sys.unraisablehook, {}
+    requests, shown, before = Requests(), sys.unraisablehook, {}
     sys.unraisablehook = lambda told: None if issubclass(told.exc_type, Ended) else shown(told)  # it is raised again
     if threading.current_thread() is threading.main_thread():
         usual = [number for number in ASKING if signal.getsignal(number) in _USUAL]
@@ -122,7 +122,7 @@ def held_back(numbers: tuple[int, ...] = ASKING) -> Iterator[None]:
 
     Blocked signals are not enough, because the system gives them to another thread, and Python handles them in the main one.
     """
-    handlers = {handler for handler in map(signal.getsignal, ASKING) if isinstance(handler, _Requests)}
+    handlers = {handler for handler in map(signal.getsignal, ASKING) if isinstance(handler, Requests)}
     if threading.current_thread() is not threading.main_thread():
         handlers = set()
     for handler in handlers:  # one at most

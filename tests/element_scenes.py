@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tensegrity_core.inputs import grid, held
+from tensegrity_core.model import grid, held
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 

@@ -27,10 +27,10 @@ from typing import Any, Iterator
 
 import numpy as np
 
-from tensegrity_core.cli import summary
+from tensegrity_core.commands.check import summary
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
 from tensegrity_core.scene import BUILTIN_SCENES, SCENE_FOLDER, load_scene, parse_scene
 from tensegrity_core.statics import build_model
 
@@ -65,7 +65,7 @@ def joined(name: str) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         for other, text in sources().items():
             (Path(folder) / f"{other}.toml").write_text(text, encoding="utf-8")
-        from tensegrity_core import scene_files
+        from tensegrity_core import scene as scene_files
 
         return scene_files.read(Path(folder) / f"{name}.toml")[0] | {"name": name}
 

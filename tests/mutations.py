@@ -29,9 +29,8 @@ from fmu_src.trials import trials
 from fmu_src.validate import START_ERROR, TIGHT
 from tensegrity_core import kernel, laws
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.model import Model
+from tensegrity_core.model import Model, Result
 from tensegrity_core.native import build
-from tensegrity_core.result import Result
 from tensegrity_core.scene import builtin_scenes
 
 #: By how much a law is wrong.

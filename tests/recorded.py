@@ -29,15 +29,14 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.pack import pack_python_fmu
 from tensegrity_core import kernel, reference
-from tensegrity_core.equilibrium import Loading
+from tensegrity_core.equilibria.loading import Loading
+from tensegrity_core.equilibria.modes import modes
+from tensegrity_core.equilibria.steady_states import load_sweep
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.fields import METHODS
-from tensegrity_core.inputs import Inputs, held
-from tensegrity_core.model import Model
-from tensegrity_core.modes import modes
+from tensegrity_core.model import Inputs, Model, held
 from tensegrity_core.scene import builtin_scenes, load_scene
 from tensegrity_core.statics import build_model
-from tensegrity_core.steady_states import load_sweep
 
 ROOT = next(folder for folder in Path(__file__).resolve().parents if (folder / "pyproject.toml").is_file())
 PAGES = ("drives.md", "memory.md")

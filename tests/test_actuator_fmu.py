@@ -12,8 +12,8 @@ from fmu_src.build import main
 from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.outside import Instance
 from fmu_src.pack import pack_python_fmu
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
 
 PACKERS = {"python": pack_python_fmu, "native": pack_native_fmu}
 VARIABLES = {"current", "tension", "rest_length", "rest_length_rate", "speed", "start_rest_length", "inertia", "damping"}

@@ -10,12 +10,13 @@ from PIL import Image
 from support import scene
 
 from fmu_src.interface import variables
-from tensegrity_core.cli import end_of_run, main
-from tensegrity_core.inputs import grid, held
+from tensegrity_core.cli import main
+from tensegrity_core.commands.simulate import end_of_run
 from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
 from tensegrity_core.scene import load_scene
+from tensegrity_core.scene.towers import tower
 from tensegrity_core.statics import build_model
-from tensegrity_core.towers import tower
 
 ROOT = Path(__file__).resolve().parent.parent
 SHORT = ["--duration", "0.2", "--step", "0.05"]
@@ -148,7 +149,7 @@ def test_bad_sampling_is_named(command, options, words, tmp_path, capsys):
     ],
 )
 def test_bad_outputs_are_refused_before_the_run(command, output, words, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("tensegrity_core.cli.run_kernel", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr("tensegrity_core.commands.simulate.run_kernel", lambda *_: pytest.fail("it ran"))
     (tmp_path / "folder.csv").mkdir()
     assert main([command, "two_bar", "--output", str(tmp_path / output)]) == 2
     shown = capsys.readouterr().err

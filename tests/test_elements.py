@@ -12,11 +12,11 @@ import pytest
 from test_reference import push_x, slider
 from test_scene import GOOD
 
-from tensegrity_core import hysteresis, reference, statics
-from tensegrity_core.elements import Beam, Parallel, Polynomial, Series, Spring, Table
+from tensegrity_core import reference, statics
 from tensegrity_core.errors import InputError, SceneError
-from tensegrity_core.inputs import grid, held
-from tensegrity_core.model import NSH
+from tensegrity_core.laws import hysteresis
+from tensegrity_core.model import NSH, grid, held
+from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.scene import parse_scene, scene_schema
 
 EXTRA = """

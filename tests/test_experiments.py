@@ -13,9 +13,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tensegrity_core import cli, equations, experiments, kernel, nsh, one_dimensional, peaks, statics
+from tensegrity_core import cli, kernel, statics
+from tensegrity_core.article import experiments, one_dimensional
+from tensegrity_core.article.figures import FIGURES
 from tensegrity_core.errors import InputError
-from tensegrity_core.experiment_figures import FIGURES
+from tensegrity_core.kernel import peaks
+from tensegrity_core.laws import nsh
+from tensegrity_core.reference import equations
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

@@ -18,11 +18,11 @@ from fmu_src.pack import write_zip
 from fmu_src.reference_cache import _write as write_cached
 from tensegrity_core import files
 from tensegrity_core.errors import InputError
-from tensegrity_core.export import write_columns, write_result
 from tensegrity_core.files import replacing, replacing_folder, replacing_text, scratch, write_bytes, write_text
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
-from tensegrity_core.plots import new_figure, write_figure, write_frames
+from tensegrity_core.model import grid, held
+from tensegrity_core.output.export import write_columns, write_result
+from tensegrity_core.output.plots import new_figure, write_figure, write_frames
 
 ROOT = Path(__file__).resolve().parent.parent
 posix = pytest.mark.skipif(os.name == "nt", reason="of systems with locks, links and umask")
@@ -155,7 +155,7 @@ def test_what_is_not_ours_stays(tmp_path):
 @posix
 def test_a_new_file_that_is_taken_for_a_leftover_is_made_anew(tmp_path, monkeypatch):
     """Between making a file and locking it, another process may remove it."""
-    plain, taken = files._locked, []
+    plain, taken = files.locked, []
 
     def slow(handle):
         if not taken:

@@ -16,9 +16,9 @@ from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.pack import pack_python_fmu
 from fmu_src.scenarios import Scenario, scenarios
 from fmu_src.validate import run_outside
-from tensegrity_core.export import columns
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import simulate
+from tensegrity_core.output.export import columns
 
 PACKERS = {"python": pack_python_fmu, "native": pack_native_fmu}
 

@@ -13,8 +13,8 @@ import pytest
 from support import scene
 
 import tensegrity_core
-from fmu_src import build as build_fmu
 from fmu_src import compare, sensitivity, validate
+from fmu_src import build as build_fmu
 from fmu_src.compare import series
 from fmu_src.interface import variables
 from fmu_src.native_fmu import pack_native_fmu
@@ -26,8 +26,7 @@ from fmu_src.speed import measure
 from fmu_src.trials import trials
 from tensegrity_core import kernel, reference
 from tensegrity_core.errors import SimulationError
-from tensegrity_core.inputs import grid, held
-from tensegrity_core.result import Transition
+from tensegrity_core.model import Transition, grid, held
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
@@ -164,7 +163,7 @@ def test_everything_that_determines_a_run_is_in_its_key(tmp_path, monkeypatch):
     assert len(keys) == 7
 
 
-@pytest.mark.parametrize("name", ["reference.py", "nsh.py", "model.py", "inputs.py"])
+@pytest.mark.parametrize("name", ["reference/run.py", "laws/nsh.py", "model/model.py", "model/inputs.py"])
 def test_a_change_of_the_references_sources_changes_the_key(name, tmp_path):
     run = short(scene("two_bar"), 0.02)
     core = tmp_path / "tensegrity_core"
@@ -172,7 +171,7 @@ def test_a_change_of_the_references_sources_changes_the_key(name, tmp_path):
     shutil.copytree(source, core, ignore=shutil.ignore_patterns("native", "__pycache__"))
     before = reference_key(run.model, run.inputs, SETTINGS, core)
     assert before == reference_key(run.model, run.inputs, SETTINGS)
-    (core / "kernel.py").write_text("# the reference does not use the kernel")
+    (core / "kernel" / "run.py").write_text("# the reference does not use the kernel")
     assert reference_key(run.model, run.inputs, SETTINGS, core) == before
     (core / name).write_text((core / name).read_text(encoding="utf-8") + "\n", encoding="utf-8")
     assert reference_key(run.model, run.inputs, SETTINGS, core) != before

@@ -17,8 +17,7 @@ from element_scenes import mast
 from support import scene
 
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.kernel import Kernel
-from tensegrity_core.model import to_bytes
+from tensegrity_core.kernel import Kernel, to_bytes
 
 WHOLE = (-(2**31), -(10**6), -2, -1, 0, 1, 2, 3, 7, 100, 65536, 10**6, 10**6 + 1, 2**30, 2**31 - 1)
 REAL = (np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, 1.0, 5e-324, 1e-300, 1e-12, 1e-3, 1e3, 1e12, 1e150, 1e300, 1.7e308, -1e300)

@@ -10,11 +10,12 @@ import fuzz_scenes
 import pytest
 from test_scene import GOOD, write
 
-from tensegrity_core import laws, scene_files
+from tensegrity_core import laws
 from tensegrity_core.cli import main
-from tensegrity_core.elements import Beam, Parallel, Series, Spring, simplified
 from tensegrity_core.errors import InputError, SceneError, SimulationError
+from tensegrity_core.model.elements import Beam, Parallel, Series, Spring, simplified
 from tensegrity_core.scene import load_scene, parse_scene
+from tensegrity_core.scene import files as scene_files
 from tensegrity_core.statics import TooLarge, build_model
 
 ROOT = fuzz_scenes.ROOT
@@ -185,8 +186,8 @@ def test_files_that_extend_the_next_twice_are_read_once(tmp_path, monkeypatch):
         write(tmp_path, f'extends = ["d{i + 1}.toml", "d{i + 1}.toml"]\ngravity = {i + 1}.0\n', f"d{i}.toml")
     write(tmp_path, GOOD, "d25.toml")
     read = []
-    text = scene_files._Reading.text
-    monkeypatch.setattr(scene_files._Reading, "text", lambda self, path: read.append(path.name) or text(self, path))
+    text = scene_files.Reading.text
+    monkeypatch.setattr(scene_files.Reading, "text", lambda self, path: read.append(path.name) or text(self, path))
     scene = load_scene(tmp_path / "d0.toml")
     assert (scene.name, scene.gravity, len(scene.nodes)) == ("d0", 1.0, 4)
     assert read == [f"d{i}.toml" for i in range(26)]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from scipy.integrate import solve_ivp
 
-from tensegrity_core.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.errors import InputError
-from tensegrity_core.hysteresis import follow, start
+from tensegrity_core.laws.hysteresis import follow, start
+from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 
 #: Test 1: a cell of 100 N/m up to 1 N at .01 m, down to .4 N at .02 m, then up again.
 CELL = Table((0.0, 0.01, 0.02, 0.03), (0.0, 1.0, 0.4, 1.4))

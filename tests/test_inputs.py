@@ -7,8 +7,7 @@ import numpy as np
 from support import scene
 
 from fmu_src.reference_cache import reference_key
-from tensegrity_core.inputs import Inputs, grid, held
-from tensegrity_core.model import Actuator
+from tensegrity_core.model import Actuator, Inputs, grid, held
 
 WINCH = Actuator(0.1, 0.2, 0.5, 0.03)
 PLAIN = scene("three_bar")

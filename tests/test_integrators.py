@@ -9,8 +9,8 @@ from support import changed, push, scene
 from tensegrity_core.errors import InputError, SimulationError
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.scene.towers import tower
 from tensegrity_core.statics import build_model
-from tensegrity_core.towers import tower
 
 
 def pushed(model, force=None, **options) -> Kernel:

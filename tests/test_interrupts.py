@@ -15,6 +15,7 @@ import pytest
 from test_files import sources
 
 from tensegrity_core import cli, interrupts
+from tensegrity_core.commands import tower
 from tensegrity_core.files import scratch, write_text
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -178,7 +179,7 @@ def test_handlers_are_as_before_and_others_are_left_alone(monkeypatch, capsys):
     before = [signal.getsignal(number) for number in interrupts.ASKING]
     seen = []
     assert interrupts.interruptible(lambda: seen.append(signal.getsignal(signal.SIGTERM)) or 7) == 7
-    assert isinstance(seen[0], interrupts._Requests) and [signal.getsignal(number) for number in interrupts.ASKING] == before
+    assert isinstance(seen[0], interrupts.Requests) and [signal.getsignal(number) for number in interrupts.ASKING] == before
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
         interrupts.interruptible(lambda: seen.append(signal.getsignal(signal.SIGTERM)) or 0)
@@ -271,7 +272,7 @@ program(main)
 
 
 def test_an_interrupted_command_writes_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cli, "write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(tower, "write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     words = ["tower", "1", "--output", str(tmp_path / "tower.toml")]
     assert interrupts.interruptible(lambda: cli.main(words)) == 130
     assert not list(tmp_path.iterdir()) and capsys.readouterr().err == "interrupted\n"

@@ -10,8 +10,8 @@ from driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
 from tensegrity_core import reference
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.fields import METHODS
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import Kernel, simulate
+from tensegrity_core.model import grid, held
 
 TIMES = grid(2.0, 0.02)
 

@@ -8,11 +8,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from tensegrity_core import nsh as exact
-from tensegrity_core.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.errors import InputError, TensegrityError
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.laws import nsh as exact
 from tensegrity_core.model import NSH, Model
+from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 
 ARTICLE = NSH(Q=(6.0, 8.0, 10.0, 12.0), zeta=(3.0, 4.0, 5.0, 6.0), h=(0.01, 0.01, 0.015, 0.01))
 MEMORY = dataclasses.replace(ARTICLE, law="hysteretic")

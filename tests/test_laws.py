@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
-from tensegrity_core import nsh
-from tensegrity_core.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.errors import InputError
-from tensegrity_core.laws import damping, law
+from tensegrity_core.laws import damping, law, nsh
 from tensegrity_core.model import NSH
+from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 
 ARTICLE = NSH(Q=(6.0, 8.0, 10.0, 12.0), zeta=(3.0, 4.0, 5.0, 6.0), h=(0.01, 0.01, 0.015, 0.01))
 SMOOTH = Table((0.0, 0.01, 0.02, 0.03), (0.0, 1.0, 0.4, 1.4), "cubic")

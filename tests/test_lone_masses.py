@@ -11,13 +11,14 @@ from test_scene import write
 
 from fmu_src.native_fmu import pack_native_fmu
 from fmu_src.pack import pack_python_fmu
-from tensegrity_core import paths, reference, statics
-from tensegrity_core.equilibrium import Loading
+from tensegrity_core import reference, statics
+from tensegrity_core.equilibria import equilibrium, paths
+from tensegrity_core.equilibria.loading import Loading
+from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.errors import InputError, SceneError, TensegrityError
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import Kernel, simulate
-from tensegrity_core.modes import modes
-from tensegrity_core.plots import draw, new_axes, new_figure
+from tensegrity_core.model import grid, held
+from tensegrity_core.output.plots import draw, new_axes, new_figure
 from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import build_model
 
@@ -203,7 +204,7 @@ def test_statics_with_payloads():
     up[model.node_names.index("p1"), 2] = 1.0
     end = paths.follow(Loading(model, up), 0.0, 5.0).points[-1]
     settled = statics.settle(model, 5.0 * up)
-    np.testing.assert_allclose(paths.Equations(Loading(model, up)).nodes(end.free), settled.nodes, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(equilibrium.Equations(Loading(model, up)).nodes(end.free), settled.nodes, rtol=0.0, atol=1e-8)
 
 
 def test_equilibrium_finds_the_tensions_of_a_payload():

@@ -13,10 +13,11 @@ sys.path[:0] = [str(ROOT / "benchmarks")]
 
 from article import measures, memory, memory_loops, memory_runs, variants  # noqa: E402
 
-from tensegrity_core import experiments, laws, statics  # noqa: E402
-from tensegrity_core.elements import Beam, Series, Spring  # noqa: E402
-from tensegrity_core.scene import parse_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from tensegrity_core import laws, statics
+from tensegrity_core.article import experiments
+from tensegrity_core.model.elements import Beam, Series, Spring
+from tensegrity_core.scene import parse_scene
+from tensegrity_core.statics import build_model
 
 DOCS = ROOT / "docs"
 

@@ -12,13 +12,14 @@ from support import changed, push, scene
 from test_paths import one_bar
 from test_statics import prism
 
-from tensegrity_core import modes, statics
+from tensegrity_core import statics
 from tensegrity_core.cli import main
-from tensegrity_core.elements import Polynomial
-from tensegrity_core.inputs import grid, held
+from tensegrity_core.equilibria import modes
 from tensegrity_core.kernel import Kernel, simulate
+from tensegrity_core.model import grid, held
+from tensegrity_core.model.elements import Polynomial
 from tensegrity_core.scene import parse_scene
-from tensegrity_core.statics import build_model
+from tensegrity_core.statics import build_model, matrices
 
 G, MASS = 9.81, 1.0
 SCENES = ("two_bar", "three_bar", "six_bar", "two_bar_nsh", "three_bar_nsh", "six_bar_nsh")
@@ -149,7 +150,7 @@ def test_eigenvalues_with_every_kind_of_string(name):
 def test_eigenvalues_with_payloads_drag_and_slanting_gravity():
     """Actuators hold the rest lengths: with them, modes are those of the same strings without."""
     model = statics.settle(built(LABORATORY), steps=1)
-    loose = statics.string_tension(model, statics._lengths(model.nodes, model.strings)) < 1e-9
+    loose = statics.string_tension(model, matrices.lengths_between(model.nodes, model.strings)) < 1e-9
     model = changed(model, rest_length=model.rest_length + 0.01 * loose)    # one stands at the very end of being slack
     none = np.zeros_like(model.nodes)
     held = changed(model, actuator=(None,) * len(model.strings), current=np.zeros(0), drum_load=np.zeros(0))

@@ -18,8 +18,7 @@ from support import scene
 from fmu_src.interface import variables
 from fmu_src.native_fmu import pack_native_fmu, variables_bin
 from tensegrity_core.fields import METHODS
-from tensegrity_core.kernel import Kernel
-from tensegrity_core.model import to_bytes
+from tensegrity_core.kernel import Kernel, to_bytes
 from tensegrity_core.native import build
 
 HERE = Path(__file__).parent

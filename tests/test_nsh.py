@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from tensegrity_core import nsh
 from tensegrity_core.errors import InputError
+from tensegrity_core.laws import nsh
 from tensegrity_core.model import NSH
 
 ARTICLE = NSH(Q=(6.0, 8.0, 10.0, 12.0), zeta=(3.0, 4.0, 5.0, 6.0), h=(0.01, 0.01, 0.015, 0.01))

@@ -7,15 +7,17 @@ import pytest
 from support import push, scene
 from test_scene import GOOD
 
-from tensegrity_core import experiments, hysteresis, laws, modes, nsh, one_dimensional, paths, statics, steady_states, towers
-from tensegrity_core.elements import Beam, Parallel, Polynomial, Series, Spring, Table
-from tensegrity_core.equilibrium import Loading
+from tensegrity_core import laws, statics
+from tensegrity_core.article import experiments, one_dimensional
+from tensegrity_core.equilibria import modes, paths, steady_states
+from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.errors import InputError
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import Kernel, simulate
-from tensegrity_core.model import NSH, Actuator
+from tensegrity_core.laws import hysteresis, nsh
+from tensegrity_core.model import NSH, Actuator, grid, held
+from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.reference import simulate as reference
-from tensegrity_core.scene import parse_scene
+from tensegrity_core.scene import parse_scene, towers
 
 # Numbers that every kind can hold exactly, so that results must be the same to the last bit.
 KINDS = {

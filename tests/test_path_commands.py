@@ -9,9 +9,10 @@ import pytest
 from PIL import Image
 from support import push, scene
 
-from tensegrity_core import modes, statics, steady_states
+from tensegrity_core import statics
 from tensegrity_core.cli import main
-from tensegrity_core.equilibrium import Loading
+from tensegrity_core.equilibria import modes, steady_states
+from tensegrity_core.equilibria.loading import Loading
 
 LIFT = ["--force", "n3.z=1", "n4.z=1"]
 

@@ -11,15 +11,17 @@ from driven_scenes import LABORATORY, built
 from element_scenes import STRINGS, mast
 from support import changed, push, scene
 
-from tensegrity_core import paths, statics, steady_states
-from tensegrity_core.elements import Polynomial, Series, Spring
-from tensegrity_core.equilibrium import Equations, Loading
+from tensegrity_core import statics
+from tensegrity_core.equilibria import paths, steady_states, sudden
+from tensegrity_core.equilibria.equilibrium import Equations
+from tensegrity_core.equilibria.loading import Loading
+from tensegrity_core.equilibria.points import PathError
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import law as element_law
+from tensegrity_core.laws.string_laws import string_laws
 from tensegrity_core.model import NSH, Model
-from tensegrity_core.paths import PathError
-from tensegrity_core.string_laws import string_laws
+from tensegrity_core.model.elements import Polynomial, Series, Spring
 
 L, B, K = 1.0, 0.6, 900.0  # m, m, N/m
 TILT = np.radians(35.0)
@@ -201,7 +203,7 @@ def test_rest_length_as_the_parameter():
 
 
 def test_strings_laws_are_the_exact_ones():
-    from tensegrity_core import nsh as exact
+    from tensegrity_core.laws import nsh as exact
 
     law = NSH((6.0, 8.0, 10.0), (3.0, 4.0, 5.0), (0.01, 0.01, 0.015))
     model = one_bar(at(TILT), [[-B, 0.0, 0.0], [B, 0.0, 2.0]], [1.0, 1.0], nsh=law)
@@ -286,7 +288,7 @@ def test_load_steps_and_large_steps_of_the_flow_change_nothing(name):
             assert all(point.stable for point in path.points[:-1]) and path.points[-1].kind == path.end.replace("to", "")
             for point in path.points:
                 tangent = path.equations.at(point.free, point.parameter, point.piece)
-                assert np.abs(tangent.pull).max() < 1e-7 and paths._inside(path.equations, point)
+                assert np.abs(tangent.pull).max() < 1e-7 and paths.inside(path.equations, point)
                 if not point.kind:
                     assert np.linalg.eigvalsh(tangent.stiffness)[0] > 0.0
 
@@ -304,9 +306,9 @@ def test_most_of_a_sweep_needs_no_arc_length_steps(name, monkeypatch):
 def test_sudden_load_comes_to_rest_where_the_dynamics_does(name, loads):
     model, loading = lifted(name)
     up = steady_states.load_sweep(loading, LOADS)
-    suddenly, kernel = steady_states.SuddenLoads(up.equations), Kernel(model)
+    suddenly, kernel = sudden.SuddenLoads(up.equations), Kernel(model)
     for load in loads:
-        known = steady_states.states_at([*up.stretches, *steady_states.detours(up)], load)
+        known = sudden.states_at([*up.stretches, *steady_states.detours(up)], load)
         found = suddenly.state(load, known)
         kernel["force"][:] = up.equations.free(loading.forces(load))
         kernel.initialize()

@@ -5,10 +5,10 @@ import pytest
 from PIL import Image
 from support import push, scene
 
-from tensegrity_core import plots
 from tensegrity_core.errors import InputError
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
+from tensegrity_core.output import plots
 
 SCENES = ("two_bar_nsh", "three_bar", "six_bar_nsh")
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegrity_core import kernel, reference
-from tensegrity_core.inputs import Inputs, grid
-from tensegrity_core.model import NSH, Model
+from tensegrity_core.model import NSH, Inputs, Model, grid
 
 
 def random_model(seed: int) -> Model:

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from support import changed, scene
-from tensegrity_core import equations, reference
+from tensegrity_core import reference
 from tensegrity_core.errors import InputError, SimulationError
-from tensegrity_core.inputs import grid, held
-from tensegrity_core.model import Model
+from tensegrity_core.model import Model, grid, held
+from tensegrity_core.reference import instant
+from tensegrity_core.reference import run as reference_run
+from tensegrity_core.reference import structure as structures
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -103,8 +105,8 @@ def random_state(model: Model, seed: int):
     return N, velocity, np.where(model.fixed[:, None], 0.0, rng.normal(size=N.shape))
 
 
-def taut_mode(s: equations.Structure, stretch):
-    return equations.mode_of(s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
+def taut_mode(s: structures.Structure, stretch):
+    return instant.mode_of(s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
 
 
 @pytest.mark.parametrize("model", [
@@ -127,10 +129,10 @@ def test_matrix_form_agrees_with_per_bar_equations(model, seed):
         tensions.append(T)
     acceleration, ground = per_bar_accelerations(model, N, V, end_forces)
 
-    structure = equations.structure(model)
-    load = equations.Load(0.0, force.T, model.rest_length, rates)
+    structure = structures.structure(model)
+    load = instant.Load(0.0, force.T, model.rest_length, rates)
     mode = taut_mode(structure, np.array(lengths) - model.rest_length)
-    motion = equations.motion_at(structure, load, mode, 0.0, N.T, V.T)
+    motion = instant.motion_at(structure, load, mode, 0.0, N.T, V.T)
     scale = max(1.0, np.abs(acceleration).max(), np.abs(end_forces).max())
     np.testing.assert_allclose(motion.strings.tension, tensions, rtol=1e-12, atol=1e-13 * scale)
     np.testing.assert_allclose(motion.Nddot.T, acceleration, rtol=0.0, atol=1e-13 * scale)
@@ -203,7 +205,7 @@ def test_result_does_not_depend_on_the_projection(monkeypatch):
     model = changed(scene("three_bar"), damping=50.0)
     inputs = held(model, grid(0.3, 0.1), square_wave(model))
     seldom = reference.simulate(model, inputs)
-    monkeypatch.setattr(reference, "DRIFT", 0.0)
+    monkeypatch.setattr(reference_run, "DRIFT", 0.0)
     often = reference.simulate(model, inputs)
     assert often.stats["restarts"] > 2 * seldom.stats["restarts"]
     np.testing.assert_allclose(seldom.position, often.position, rtol=0.0, atol=1e-10)
@@ -361,13 +363,13 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match="increasing times"):
         reference.simulate(model, replace(good, times=np.array([0.0, 0.0, 0.1])))
     with pytest.raises(InputError, match="node 'n2' belongs to two bars"):
-        equations.structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
+        structures.structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
     with pytest.raises(InputError, match="bar 'b1' has both ends fixed"):
-        equations.structure(replace(model, fixed=[False, True, True]))
+        structures.structure(replace(model, fixed=[False, True, True]))
     with pytest.raises(InputError, match="free node 'n1' belongs to no bar"):
-        equations.structure(replace(model, fixed=[False, False, False]))
+        structures.structure(replace(model, fixed=[False, False, False]))
     with pytest.raises(InputError, match="damping_law = 'viscous'"):
-        equations.structure(replace(model, damping_law="viscous"))
+        structures.structure(replace(model, damping_law="viscous"))
 
 
 def test_hopeless_run_is_a_simulation_error():

@@ -13,10 +13,11 @@ from support import scene
 from test_reference import build, mixed_structure, taut_mode
 from test_scene_loads import GOOD as CRANE
 
-from tensegrity_core import actuator, equations, reference
+from tensegrity_core import reference
 from tensegrity_core.errors import InputError, SimulationError
-from tensegrity_core.inputs import grid, held
-from tensegrity_core.model import Actuator
+from tensegrity_core.model import Actuator, grid, held
+from tensegrity_core.reference import instant, structure
+from tensegrity_core.reference import motors as actuator
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 
@@ -97,10 +98,10 @@ def test_matrix_equations_against_lagrange(seed):
     N = model.nodes + random.normal(size=(7, 3)) * 0.1
     V = random.normal(size=(7, 3))
     model = replace(model, rest_length=0.5 * np.linalg.norm(N[model.strings[:, 1]] - N[model.strings[:, 0]], axis=1))
-    s = equations.structure(model)
-    load = equations.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), acceleration=base[list(model.moving)].T)
+    s = structure.structure(model)
+    load = instant.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), acceleration=base[list(model.moving)].T)
     mode = taut_mode(s, np.ones(7))
-    motion = equations.motion_at(s, load, mode, 0.0, N.T, V.T)
+    motion = instant.motion_at(s, load, mode, 0.0, N.T, V.T)
     acceleration, ground = saddle_point(model, N, V, end_forces(model, N, V), base)
     scale = np.abs(ground).max()
     np.testing.assert_allclose(motion.Nddot.T, acceleration, rtol=0.0, atol=1e-12 * np.abs(acceleration).max())
@@ -110,15 +111,15 @@ def test_matrix_equations_against_lagrange(seed):
 
 def test_the_projection_on_the_constraints_is_orthogonal_in_the_mass_metric():
     model = loaded_structure()
-    s = equations.structure(model)
+    s = structure.structure(model)
     random = np.random.default_rng(3)
     N, Ndot = model.nodes.T + 0.01 * random.normal(size=(3, 7)), random.normal(size=(3, 7))
     N[:, model.fixed], Ndot[:, model.fixed] = model.nodes[model.fixed].T, 0.0
-    onto, onto_dot = equations.on_constraints(s, N, Ndot)
-    assert equations.drift(s, onto, onto_dot) < 1e-15
+    onto, onto_dot = instant.on_constraints(s, N, Ndot)
+    assert instant.drift(s, onto, onto_dot) < 1e-15
     b = onto @ s.C_b.T
     for _ in range(5):    # any other admissible velocity is farther away
-        other = equations.on_constraints(s, onto, random.normal(size=(3, 7)) * ~model.fixed)[1]
+        other = instant.on_constraints(s, onto, random.normal(size=(3, 7)) * ~model.fixed)[1]
         along = (Ndot - onto_dot) @ s.M @ (other - onto_dot).T
         assert abs(np.trace(along)) < 1e-13
     first_moment = (N @ s.M)[:, 4:6].sum(axis=1)    # of the free bar: its centre of mass stays
@@ -248,9 +249,9 @@ def test_drag_at_the_tip_damps_a_pendulum():
 def test_models_outside_the_equations_are_refused():
     model = mixed_structure()
     with pytest.raises(InputError, match="moving names the free node 'n2'"):
-        equations.structure(replace(model, moving=(0, 1)))
+        structure.structure(replace(model, moving=(0, 1)))
     with pytest.raises(InputError, match="drag names the fixed node 'n1'"):
-        equations.structure(replace(model, drag=((0, 1.0), (1, 1.0))))
+        structure.structure(replace(model, drag=((0, 1.0), (1, 1.0))))
 
 
 # --- moved nodes -------------------------------------------------------------------------------------------------
@@ -599,20 +600,20 @@ def test_fastest_rate_is_a_bound():
     model, _ = everything()
     motors = {1: Actuator(0.05, 0.2, 0.5, 0.05), 4: Actuator(0.002, 1.0, 2.0, 0.3)}
     model = replace(model, actuator=tuple(motors.get(i) for i in range(7)), damping=np.full(7, 500.0))
-    s, free = equations.structure(model), model.free_nodes
-    load = equations.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), np.zeros(2), *np.zeros((3, 3, 3)))
+    s, free = structure.structure(model), model.free_nodes
+    load = instant.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), np.zeros(2), *np.zeros((3, 3, 3)))
     mode, count = taut_mode(s, np.ones(7)), 3 * len(free)
 
     def accelerations(rates):
         Ndot = np.zeros((3, 7))
         Ndot[:, free] = rates[:count].reshape(3, -1)
-        motion = equations.motion_at(s, load, mode, 0.0, model.nodes.T, Ndot, np.stack([np.zeros(2), rates[count:]]))
+        motion = instant.motion_at(s, load, mode, 0.0, model.nodes.T, Ndot, np.stack([np.zeros(2), rates[count:]]))
         return np.concatenate((motion.Nddot[:, free].ravel(), motion.winding))
 
     at_rest = accelerations(np.zeros(count + 2))
     slowing = np.array([accelerations(1e-4 * e) - at_rest for e in np.eye(count + 2)]).T / 1e-4
     fastest = np.abs(np.linalg.eigvals(slowing)).max()
-    assert fastest > 2e4 and 1.0 <= equations.fastest_rate(s) / fastest < 2.5
+    assert fastest > 2e4 and 1.0 <= instant.fastest_rate(s) / fastest < 2.5
 
 
 def test_scene_with_actuators_stands_still_under_its_start_currents():

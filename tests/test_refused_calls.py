@@ -17,8 +17,8 @@ from support import changed, push, scene
 
 from tensegrity_core.errors import InputError, SimulationError, TensegrityError
 from tensegrity_core.fields import FIELDS, METHODS
-from tensegrity_core.inputs import held
 from tensegrity_core.kernel import Kernel, simulate
+from tensegrity_core.model import held
 
 NOT_FINITE = (np.nan, np.inf, -np.inf)
 HUGE = (1e30, 1e100, 1e150, 1e155, 1e200, 1e300, 1.7e308)

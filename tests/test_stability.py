@@ -26,11 +26,11 @@ import one_beam  # noqa: E402
 import pushed_run  # noqa: E402
 import spectrum  # noqa: E402
 
-from tensegrity_core import equations  # noqa: E402
-from tensegrity_core import nsh as law  # noqa: E402
-from tensegrity_core.errors import InputError  # noqa: E402
-from tensegrity_core.scene import parse_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from tensegrity_core.errors import InputError
+from tensegrity_core.laws import nsh as law
+from tensegrity_core.reference import equations, instant, structure
+from tensegrity_core.scene import parse_scene
+from tensegrity_core.statics import build_model
 
 STUDIES = {"drift": drift, "maps": maps, "branch_two": branch_two, "fixed_cost": fixed_cost, "extremes": extremes}
 
@@ -40,10 +40,10 @@ STUDIES = {"drift": drift, "maps": maps, "branch_two": branch_two, "fixed_cost":
 def moving_state(model, seed=1):
     """Random N, Ndot (3, n) on the bars' constraints, fixed nodes at rest."""
     random = np.random.default_rng(seed)
-    s = equations.structure(model)
+    s = structure.structure(model)
     free = ~model.fixed
     N = model.nodes.T + 0.01 * random.normal(size=(3, len(free))) * free
-    return equations.on_constraints(s, N, random.normal(size=(3, len(free))) * free)
+    return instant.on_constraints(s, N, random.normal(size=(3, len(free))) * free)
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -53,11 +53,11 @@ def test_all_formulations_are_the_same_physics_where_the_lengths_are_right(form,
     force = push(model)
     N, Ndot = moving_state(model)
     p = formulations.problem(model, force)
-    load = equations.Load(0.0, force.T, model.rest_length, np.zeros(len(model.strings)))
+    load = instant.Load(0.0, force.T, model.rest_length, np.zeros(len(model.strings)))
     stretch = equations.string_motion(N, Ndot, p.s.C_s)[1] - model.rest_length
-    mode = equations.mode_of(p.s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
+    mode = instant.mode_of(p.s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
     assert 0 < mode.taut.sum() < len(stretch)  # some are slack
-    expected = equations.motion_at(p.s, load, mode, 0.0, N, Ndot).Nddot
+    expected = instant.motion_at(p.s, load, mode, 0.0, N, Ndot).Nddot
     acceleration, _ = formulations.FORMS[form](p, N, Ndot, exact)
     np.testing.assert_allclose(acceleration, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
@@ -95,11 +95,11 @@ def test_drift_grows_at_the_constraint_modes_eigenvalue(form, factor):
 
 def reference_bar_force(model):
     """(B,) N from the article's lambda at the start; compression is negative."""
-    s = equations.structure(model)
+    s = structure.structure(model)
     N, Ndot = model.nodes.T, np.zeros_like(model.nodes.T)
-    load = equations.Load(0.0, np.zeros_like(N), model.rest_length, np.zeros(len(model.strings)))
-    taut = equations.mode_of(s, np.ones(len(model.strings), dtype=int), np.zeros(len(model.strings), dtype=bool))
-    return -equations.motion_at(s, load, taut, 0.0, N, Ndot).lam * model.bar_length
+    load = instant.Load(0.0, np.zeros_like(N), model.rest_length, np.zeros(len(model.strings)))
+    taut = instant.mode_of(s, np.ones(len(model.strings), dtype=int), np.zeros(len(model.strings), dtype=bool))
+    return -instant.motion_at(s, load, taut, 0.0, N, Ndot).lam * model.bar_length
 
 
 def test_drift_of_a_compressed_mast_over_two_decades():
@@ -210,10 +210,10 @@ def test_spectrum_of_an_upright_mast_by_hand():
 def test_retuned_models_stand_where_the_scene_does():
     model = scene("two_bar")
     retuned = spectrum.retuned(model, damping=7.0, stiffness=1e3)
-    s = equations.structure(retuned)
-    slack = equations.Load(0.0, np.zeros((3, 4)), retuned.rest_length, np.zeros(3))
-    taut = equations.mode_of(s, np.ones(3, dtype=int), np.zeros(3, dtype=bool))
-    motion = equations.motion_at(s, slack, taut, 0.0, retuned.nodes.T, np.zeros((3, 4)))
+    s = structure.structure(retuned)
+    slack = instant.Load(0.0, np.zeros((3, 4)), retuned.rest_length, np.zeros(3))
+    taut = instant.mode_of(s, np.ones(3, dtype=int), np.zeros(3, dtype=bool))
+    motion = instant.motion_at(s, slack, taut, 0.0, retuned.nodes.T, np.zeros((3, 4)))
     np.testing.assert_allclose(motion.Nddot, 0.0, atol=1e-10)
     assert (retuned.stiffness == 1e3).all() and (retuned.damping == 7.0).all()
     with pytest.raises(InputError, match="stiffness = 1.0"):

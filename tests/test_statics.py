@@ -10,20 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tensegrity_core import nsh as nsh_law
-from tensegrity_core import statics
 from tensegrity_core.cli import main
 from tensegrity_core.errors import SceneError
+from tensegrity_core.laws import nsh as nsh_law
 from tensegrity_core.scene import builtin_scenes, load_scene, parse_scene
 from tensegrity_core.statics import (
     NoEquilibrium,
     TooLarge,
-    _Surface,
     analyse,
     build_model,
     equilibrium_matrix,
     is_stable,
     loads,
+    matrices,
     member_forces,
     residual,
     settle,
@@ -32,6 +31,8 @@ from tensegrity_core.statics import (
     string_tension,
     tangent_stiffness,
 )
+from tensegrity_core.statics import surface as surfaces
+from tensegrity_core.statics.surface import Surface
 
 TOP = {"two_bar": ("n3", "n4"), "three_bar": ("n4", "n5", "n6"), "six_bar": ("n10", "n11", "n12")}
 
@@ -158,7 +159,7 @@ def test_equilibrium_matrix_is_the_rate_of_the_lengths(name, models):
 @pytest.mark.parametrize("name", builtin_scenes())
 def test_force_and_tangent_stiffness_are_derivatives_of_the_energy(name, models):
     model = models[name]
-    surface = _Surface(model, push(model, 3.0))
+    surface = Surface(model, push(model, 3.0))
     rng = np.random.default_rng(7)
     nodes = surface.moved(model.nodes, 2e-3 * rng.standard_normal(surface.size))
     point = surface.at(nodes)
@@ -443,7 +444,7 @@ def test_a_prism_off_its_shape_settles(seed, count):
 def both_ways(monkeypatch, find):
     """find() by dense and by sparse matrices."""
     dense = find()
-    monkeypatch.setattr(statics, "SMALL", 0)
+    monkeypatch.setattr(surfaces, "SMALL", 0)
     return dense, find()
 
 
@@ -495,10 +496,10 @@ def test_sparse_matrices_settle_a_structure_afloat(seed, monkeypatch):
     gap = np.linalg.norm(found.nodes.mean(axis=0) - dense.nodes.mean(axis=0))
     assert gap < 1e-4 and stability(found).stable
     for one in (dense, found):    # the lowest stiffness is that behind the rigid-body motions, by either kind of matrices
-        monkeypatch.setattr(statics, "SMALL", 10_000)
+        monkeypatch.setattr(surfaces, "SMALL", 10_000)
         lowest = tangent_stiffness(one)[6]
         assert stability(one).lowest == pytest.approx(lowest, rel=1e-9)
-        monkeypatch.setattr(statics, "SMALL", 0)
+        monkeypatch.setattr(surfaces, "SMALL", 0)
         assert stability(one).lowest == pytest.approx(lowest, rel=1e-6)
 
 
@@ -509,7 +510,7 @@ def test_stability_is_that_of_the_eigenvalues(models):
 
 def test_a_basis_is_orthonormal_and_keeps_the_lengths(models):
     for model in models.values():
-        surface = _Surface(model, None)
+        surface = Surface(model, None)
         basis = surface.at(model.nodes).basis
         freedoms = surface.size - len(model.bars)
         np.testing.assert_allclose(basis.T @ basis, np.eye(freedoms), atol=1e-15)
@@ -518,20 +519,20 @@ def test_a_basis_is_orthonormal_and_keeps_the_lengths(models):
 
 @pytest.mark.parametrize("what", [analyse, tangent_stiffness, equilibrium_matrix])
 def test_dense_analyses_refuse_large_structures(what, models, monkeypatch):
-    monkeypatch.setattr(statics, "WHOLE", 20)
+    monkeypatch.setattr(matrices, "WHOLE", 20)
     assert what(models["three_bar"]) is not None
     with pytest.raises(TooLarge, match="six_bar: .* up to 20 .* here are 27"):
         what(models["six_bar"])
 
 
 def test_large_scenes_need_their_tensions(monkeypatch):
-    monkeypatch.setattr(statics, "WHOLE", 8)
+    monkeypatch.setattr(matrices, "WHOLE", 8)
     with pytest.raises(SceneError, match="up to 8 .*Give every string's tension .*: 6 are missing, first s1"):
         build_model(load_scene("three_bar"))
 
 
 def test_check_says_what_is_left_out_of_a_large_structure(monkeypatch, capsys):
-    monkeypatch.setattr(statics, "WHOLE", 20)
+    monkeypatch.setattr(matrices, "WHOLE", 20)
     assert main(["check", "six_bar"]) == 0
     shown = capsys.readouterr().out
     assert "no self-stress states and mechanisms: six_bar: rank analysis is for structures of up to 20" in shown

@@ -5,7 +5,7 @@ import pytest
 from support import push, scene
 
 from tensegrity_core import kernel, statics
-from tensegrity_core.inputs import grid, held
+from tensegrity_core.model import grid, held
 
 LOADS = (12.0, 26.0, 42.0, 54.0)  # N on each top node: before, between and after the snaps
 

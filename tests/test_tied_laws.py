@@ -9,12 +9,11 @@ import tied_memory
 from test_kernel_laws import mast, walk
 from tied_laws import DISTANCES, check, tied
 
-from tensegrity_core import nsh
-from tensegrity_core.elements import Beam, Series, Spring, Table
-from tensegrity_core.hysteresis import follow, start
 from tensegrity_core.kernel import Kernel
-from tensegrity_core.laws import law
+from tensegrity_core.laws import law, nsh
+from tensegrity_core.laws.hysteresis import follow, start
 from tensegrity_core.model import NSH
+from tensegrity_core.model.elements import Beam, Series, Spring, Table
 
 
 @pytest.mark.parametrize("distance", DISTANCES)

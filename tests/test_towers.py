@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from tensegrity_core.errors import InputError, SceneError
-from tensegrity_core.inputs import grid, held
 from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
 from tensegrity_core.scene import load_scene
-from tensegrity_core.statics import analyse, build_model, member_forces, residual, stability, tangent_stiffness
-from tensegrity_core.towers import (
+from tensegrity_core.scene.towers import (
     END_OVERLAP,
     HEIGHT,
     INNER_OVERLAP,
@@ -25,6 +24,7 @@ from tensegrity_core.towers import (
     tower,
     tower_text,
 )
+from tensegrity_core.statics import analyse, build_model, member_forces, residual, stability, tangent_stiffness
 
 
 def ends(model, table, extra=None) -> Counter:

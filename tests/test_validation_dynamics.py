@@ -10,8 +10,7 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 from tensegrity_core import reference
-from tensegrity_core.inputs import grid, held
-from tensegrity_core.model import Model
+from tensegrity_core.model import Model, grid, held
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
 GRAVITY = 9.81

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tensegrity_core import kernel, reference
-from tensegrity_core.inputs import grid, held
-from tensegrity_core.model import Model
+from tensegrity_core.model import Model, grid, held
 
 LENGTH, STIFFNESS, MASS, PRESTRESS = 0.695, 1000.0, 1.0, 2.0
 

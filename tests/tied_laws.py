@@ -15,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_core import laws, nsh
+from tensegrity_core import laws
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.laws import nsh
 from tensegrity_core.model import NSH
 
 getcontext().prec = 40

@@ -16,10 +16,10 @@ from itertools import product
 import numpy as np
 from tied_laws import TIE, apart, swing
 
-from tensegrity_core.elements import Beam, Series
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.hysteresis import follow, memory, start
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.laws.hysteresis import follow, memory, start
+from tensegrity_core.model.elements import Beam, Series
 
 #: Distances of ties: ulps (31, 32 and 33 eps of a force among them), or parts.
 DISTANCES = (0, 1, 2, 4, 31, 33, 100, 1e-12)

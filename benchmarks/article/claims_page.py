@@ -24,8 +24,8 @@ from matplotlib.figure import Figure  # noqa: E402
 from matplotlib.patches import Patch  # noqa: E402
 from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
 
-from tensegrity_core.experiments import LIFTS  # noqa: E402
-from tensegrity_core.files import write_text  # noqa: E402
+from tensegrity_core.article.experiments import LIFTS
+from tensegrity_core.files import write_text
 
 DAMPINGS = (50, 500, 5000)
 TITLES = {

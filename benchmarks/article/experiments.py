@@ -20,10 +20,10 @@ from article.claims_page import repeats_text  # noqa: E402
 from article.measures import repeats  # noqa: E402
 from stability.common import plain, wrapped  # noqa: E402
 
-from tensegrity_core.experiment_figures import FIGURES, write_figures  # noqa: E402
-from tensegrity_core.experiments import EXPERIMENTS, SYSTEMS  # noqa: E402
-from tensegrity_core.export import write_columns  # noqa: E402
-from tensegrity_core.files import write_text  # noqa: E402
+from tensegrity_core.article.experiments import EXPERIMENTS, SYSTEMS
+from tensegrity_core.article.figures import FIGURES, write_figures
+from tensegrity_core.files import write_text
+from tensegrity_core.output.export import write_columns
 
 #: Experiment -> title and what is done.
 SECTIONS = {

@@ -17,12 +17,13 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from article.variants import BASE, VARIANTS, Variant  # noqa: E402
 
-from tensegrity_core import experiments, kernel, laws, nsh  # noqa: E402
-from tensegrity_core.errors import TensegrityError  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-from tensegrity_core.result import Result  # noqa: E402
-from tensegrity_core.scene import load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from tensegrity_core import kernel, laws
+from tensegrity_core.article import experiments
+from tensegrity_core.errors import TensegrityError
+from tensegrity_core.laws import nsh
+from tensegrity_core.model import Model, Result
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
 
 PLAIN, NSH = "plain", "nsh"
 SUFFIX = {PLAIN: "", NSH: "_nsh"}

@@ -53,11 +53,11 @@ from article.memory_runs import (  # noqa: E402
 )
 from stability.common import plain, save, style, table, wrapped  # noqa: E402
 
-from tensegrity_core import nsh  # noqa: E402
-from tensegrity_core.elements import Series  # noqa: E402
-from tensegrity_core.experiments import DAMPINGS, LIFTS  # noqa: E402
-from tensegrity_core.export import write_columns  # noqa: E402
-from tensegrity_core.files import write_text  # noqa: E402
+from tensegrity_core.article.experiments import DAMPINGS, LIFTS
+from tensegrity_core.files import write_text
+from tensegrity_core.laws import nsh
+from tensegrity_core.model.elements import Series
+from tensegrity_core.output.export import write_columns
 
 #: Digits of the numbers in the file: enough for the energy accounts.
 DIGITS = 12

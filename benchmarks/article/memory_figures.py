@@ -15,7 +15,7 @@ from article.claims import SYSTEMS  # noqa: E402
 from article.memory_loops import CLOSED, REACH, STIFFNESS, single_valued  # noqa: E402
 from stability.common import COLOURS, new_figure  # noqa: E402
 
-from tensegrity_core.experiments import DAMPINGS  # noqa: E402
+from tensegrity_core.article.experiments import DAMPINGS
 
 INK, RED, TEAL, YELLOW, GREY, VIOLET = COLOURS
 #: Law -> label and colour.

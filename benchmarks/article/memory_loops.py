@@ -17,13 +17,13 @@ from scipy.optimize import brentq, minimize_scalar
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-from tensegrity_core import experiments, hysteresis, laws, nsh  # noqa: E402
-from tensegrity_core.elements import Beam, Series, Spring, Table  # noqa: E402
-from tensegrity_core.errors import TensegrityError  # noqa: E402
-from tensegrity_core.inputs import held  # noqa: E402
-from tensegrity_core.kernel import Kernel, simulate  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-from tensegrity_core.result import Result  # noqa: E402
+from tensegrity_core import laws
+from tensegrity_core.article import experiments
+from tensegrity_core.errors import TensegrityError
+from tensegrity_core.kernel import Kernel, simulate
+from tensegrity_core.laws import hysteresis, nsh
+from tensegrity_core.model import Model, Result, held
+from tensegrity_core.model.elements import Beam, Series, Spring, Table
 
 #: Test 1: a cell of 100 N/m up to 1 N at .01 m, down to .4 N at .02 m, then 100 N/m again; three of them, k_s in N/m.
 CELL, CELL_STIFFNESS, CELL_REACH = Table((0.0, 0.01, 0.02, 0.03), (0.0, 1.0, 0.4, 1.4)), 200.0, 0.08

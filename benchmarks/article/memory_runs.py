@@ -17,12 +17,11 @@ from article import measures  # noqa: E402
 from article.claims import NUMBERED  # noqa: E402
 from article.variants import BASE, HYSTERETIC, SINGLE_VALUED  # noqa: E402
 
-from tensegrity_core import experiments, laws  # noqa: E402
-from tensegrity_core.curves import HeldCurve  # noqa: E402
-from tensegrity_core.inputs import Inputs, held  # noqa: E402
-from tensegrity_core.kernel import simulate  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-from tensegrity_core.result import Result  # noqa: E402
+from tensegrity_core import laws
+from tensegrity_core.article import experiments
+from tensegrity_core.kernel import simulate
+from tensegrity_core.laws.curves import HeldCurve
+from tensegrity_core.model import Inputs, Model, Result, held
 
 #: Slow ramp of experiment I: largest lift and steps, N; how long each step is held, s.
 RAMP_TOP, RAMP_STEP, RAMP_HOLD = 72.0, 0.5, 4.0

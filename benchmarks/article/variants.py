@@ -16,13 +16,14 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-from tensegrity_core import experiments, nsh, statics  # noqa: E402
-from tensegrity_core.elements import Series, Spring  # noqa: E402
-from tensegrity_core.inputs import held  # noqa: E402
-from tensegrity_core.kernel import simulate  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-from tensegrity_core.scene import load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from tensegrity_core import statics
+from tensegrity_core.article import experiments
+from tensegrity_core.kernel import simulate
+from tensegrity_core.laws import nsh
+from tensegrity_core.model import Model, held
+from tensegrity_core.model.elements import Series, Spring
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
 
 #: How long a changed structure settles, s, before a wave.
 SETTLING = 30.0

@@ -11,7 +11,7 @@ data. Every tool has an environment of its own under `build/importers`, and ever
 
 Each tool runs {scene} for {duration:g} s in steps of {step:g} s: {lift:g} N upward on the top nodes n5 and n6, and a square
 wave of {wave:g} N with a period of {period:g} s on n4. The deviation is the largest of any coordinate of any node at any
-communication point, from the reference (`tensegrity_core/reference.py`) under the same held inputs; up to {bound:g} m passes.
+communication point, from the reference (`tensegrity_core/reference/run.py`) under the same held inputs; up to {bound:g} m passes.
 Beside it stands the deviation from the kernel called without FMI: what the tool and the runtime add. Checkers compute no
 trajectory.
 

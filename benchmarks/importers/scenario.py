@@ -15,8 +15,7 @@ from fmu_src.reference_cache import cached, reference_key
 from fmu_src.scenarios import LIFT, pushed_node, top_nodes
 from fmu_src.validate import CACHE, SETTINGS
 from tensegrity_core import kernel, reference
-from tensegrity_core.inputs import Inputs, grid, held
-from tensegrity_core.model import Model
+from tensegrity_core.model import Inputs, Model, grid, held
 from tensegrity_core.native import build
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model

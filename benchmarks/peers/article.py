@@ -1,4 +1,4 @@
-"""The article's formulation, its matrix equations in NumPy (tensegrity_core/equations.py), integrated by SciPy as the
+"""The article's formulation, its matrix equations in NumPy (tensegrity_core/reference/equations.py), integrated by SciPy as the
 article does it: an explicit Runge-Kutta method across the transitions.  RK45 is the pair behind MATLAB's ode45."""
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from problems import INSTANTS, Problem
-from tensegrity_core import equations
+from tensegrity_core.reference import equations, instant, structure
 
 from .ladder import Clock, Ladder, Run, tolerances
 
@@ -21,16 +21,16 @@ class Article:
 
     def __init__(self, problem: Problem):
         model = problem.model
-        self.s = equations.structure(model)
+        self.s = structure.structure(model)
         force = problem.force.T * self.s.in_plane
-        self.load = equations.Load(0.0, force, model.rest_length, np.zeros(len(model.strings)))
+        self.load = instant.Load(0.0, force, model.rest_length, np.zeros(len(model.strings)))
         self.shape = (3, 2 * len(model.nodes))
         self.start = np.concatenate((model.nodes.T, model.velocity.T), axis=1).ravel()
         self.clock = Clock(np.inf)
-        self.modes: dict[bytes, equations.Mode] = {}
+        self.modes: dict[bytes, instant.Mode] = {}
         self.slack = np.zeros(len(model.strings), dtype=bool)
 
-    def mode(self, N: np.ndarray, Ndot: np.ndarray) -> equations.Mode:
+    def mode(self, N: np.ndarray, Ndot: np.ndarray) -> instant.Mode:
         """The pieces that the elongations lie on."""
         stretch = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
         piece = (stretch > 0.0).astype(int)
@@ -38,13 +38,13 @@ class Article:
             piece[j] = np.searchsorted(self.s.breakpoints[j], stretch[j])
         key = piece.tobytes()
         if key not in self.modes:
-            self.modes[key] = equations.mode_of(self.s, piece, self.slack)
+            self.modes[key] = instant.mode_of(self.s, piece, self.slack)
         return self.modes[key]
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         self.clock()
         N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
-        motion = equations.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot, ground=False)
+        motion = instant.motion_at(self.s, self.load, self.mode(N, Ndot), t, N, Ndot, ground=False)
         return np.concatenate((Ndot, motion.Nddot), axis=1).ravel()
 
     def energy(self, y: np.ndarray) -> float:
@@ -52,7 +52,7 @@ class Article:
         N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
         stretch = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
         kinetic = 0.5 * np.trace(Ndot @ self.s.M @ Ndot.T)
-        return kinetic - np.sum(self.s.weight * N) + equations.elastic_energy(self.s, stretch)
+        return kinetic - np.sum(self.s.weight * N) + instant.elastic_energy(self.s, stretch)
 
 
 def _measure(problem: Problem, article: Article, method: str, tolerance: float, repetitions: int, limit: float) -> Run:

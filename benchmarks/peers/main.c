@@ -2,7 +2,7 @@
  *
  *   peers MODEL FORCE METHOD TOLERANCE EVENTS DURATION INSTANTS REPETITIONS LIMIT
  *
- * MODEL: packed model (tensegrity_core.model.to_bytes); FORCE: the force on the free nodes as doubles, N; METHOD: kernel
+ * MODEL: packed model (tensegrity_core.kernel.to_bytes); FORCE: the force on the free nodes as doubles, N; METHOD: kernel
  * (TOLERANCE is then the packed model's), rhs (evaluates it and nothing else), cvode_bdf, cvode_adams, erk_X or dirk_X, X
  * being one of ARKODE's Butcher tables or an order; EVENTS: 0 none, 1 directed, 2 plain (peer.h); LIMIT: s of processor
  * time, after which SIGXCPU ends the program.

@@ -12,7 +12,7 @@ import numpy as np
 from problems import INSTANTS, Problem
 from tensegrity_core.fields import METHODS
 from tensegrity_core.files import write_bytes
-from tensegrity_core.model import to_bytes
+from tensegrity_core.kernel import to_bytes
 
 from .ladder import Ladder, Run, fixed_steps, tolerances, too_long
 from .toolchain import Tools

@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tensegrity_core.errors import SimulationError
-from tensegrity_core.nsh import beam_displacement, beam_extrema
+from tensegrity_core.laws.nsh import beam_displacement, beam_extrema
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 

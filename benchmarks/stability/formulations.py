@@ -1,6 +1,6 @@
 """Equations of motion that differ in how they keep the bars' lengths, and what becomes of e = |b|^2 - l^2 under each.
 
-`matrix` is the article's eq. 1 with its two errata mended (see tensegrity_core/equations.py).  As printed, the nominal
+`matrix` is the article's eq. 1 with its two errata mended (see tensegrity_core/reference/equations.py).  As printed, the nominal
 l_i^2 stands in lambda; exact: |b_i|^2 of the state does.  `pinned` is the same physics per bar that is fixed at one end,
     b'' = (3/m) (I - b b^T / l^2) f - (|b'|^2 / l^2) b,   f: all forces at the tip.
 With the nominal l both give e'' = rate^2 e, with
@@ -20,10 +20,10 @@ from typing import NamedTuple
 import common  # noqa: F401  (puts the project on the path)
 import numpy as np
 
-from tensegrity_core import equations
 from tensegrity_core.errors import InputError
 from tensegrity_core.model import Model
-from tensegrity_core.equations import diagonal
+from tensegrity_core.reference import equations, instant, structure
+from tensegrity_core.reference.equations import diagonal
 
 
 class Problem(NamedTuple):
@@ -33,7 +33,7 @@ class Problem(NamedTuple):
     J (B,), M_inv (n, n): m / 12 and M^-1 of bars that are all free, for the matrix form with forces of the ground.
     """
 
-    s: equations.Structure
+    s: structure.Structure
     W: np.ndarray
     tip: np.ndarray
     sign: np.ndarray
@@ -45,7 +45,7 @@ def problem(model: Model, force=None) -> Problem:
     """force: (N, 3) N on the nodes.  Raises InputError for a model with an NSH."""
     if model.nsh_strings:
         raise InputError(f"string {model.string_names[model.nsh_strings[0]]!r} has an NSH; use a scene with plain strings")
-    s = equations.structure(model)
+    s = structure.structure(model)
     applied = np.zeros((3, len(model.nodes))) if force is None else np.asarray(force, dtype=float).T * s.in_plane
     pinned = model.fixed[model.bars].any(axis=1)
     free_end = np.where(model.fixed[model.bars[:, 0]], 1, 0)
@@ -189,4 +189,4 @@ class Motion:
 
     def projected(self, y):
         """y with |b| = l and b . b' = 0."""
-        return self.pack(*equations.on_constraints(self.p.s, *self.unpack(y)), y[2 * self.size :])
+        return self.pack(*instant.on_constraints(self.p.s, *self.unpack(y)), y[2 * self.size :])

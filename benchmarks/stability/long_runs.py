@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Callable, NamedTuple
 
 import common
@@ -18,13 +17,13 @@ from methods import METHODS
 from problems import prism
 from spectrum import coordinates, kernel_at, node_tangent
 
-from tensegrity_core import kernel as binding
+from tensegrity_core.native import build
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
 
 PERIODS, INSTANTS = 1e5, 60
-NATIVE = Path(binding.__file__).parent / "native"
+NATIVE = build.HERE
 #: A tolerance that leaves max_step in charge.
 LOOSE = 0.1
 #: The largest time that one call advances, in periods.

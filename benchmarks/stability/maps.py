@@ -17,9 +17,9 @@ from matplotlib.lines import Line2D
 from methods import METHODS, boundary
 from spectrum import eigenvalues, kernel_at, node_tangent, retuned
 
-from tensegrity_core import equations
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.model import Model
+from tensegrity_core.reference import instant, structure
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
@@ -56,7 +56,7 @@ def disturbed(model: Model, seed: int = 1) -> Model:
     tangent = node_tangent(model)
     direction = np.tensordot(np.random.default_rng(seed).normal(size=len(tangent)), tangent, 1)
     nodes = model.nodes + HAIR * direction / np.linalg.norm(direction)
-    nodes = equations.on_constraints(equations.structure(model), nodes.T, np.zeros((3, len(nodes))))[0].T
+    nodes = instant.on_constraints(structure.structure(model), nodes.T, np.zeros((3, len(nodes))))[0].T
     return replace(model, nodes=nodes)
 
 

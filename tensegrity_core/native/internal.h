@@ -85,7 +85,7 @@ typedef struct {
     const int32_t *element, *damper; /* (S, 2) places of the string's force law and damper in the programs, -1: none */
     const int32_t *massed, *dragged; /* (P), (R) nodes with a point mass, with drag */
     const int32_t *moved, *wound;   /* (E) nodes that are moved, (A) strings with an actuator */
-    const int32_t *program;         /* (program_ints) force laws, see model.py */
+    const int32_t *program;         /* (program_ints) force laws, see kernel/packing.py */
     const double *program_values;   /* (program_doubles) */
     int32_t program_ints, program_doubles;
     int32_t *beam_first;            /* (S) first of them among the Z */

@@ -1,4 +1,4 @@
-/* Force laws of strings, read from their programs (model.py) and compiled into monotone stretches of polynomials, then into
+/* Force laws of strings, read from their programs (kernel/packing.py) and compiled into monotone stretches of polynomials, then into
  * curves.
  *
  * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in

@@ -1,10 +1,10 @@
-/* Read a packed model, as written by to_bytes() in model.py, and lay out the simulation's memory.
+/* Read a packed model, as written by to_bytes() in kernel/packing.py, and lay out the simulation's memory.
  *
  * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, sizes of the programs (int32,
  * doubles); fixed (N), bars (B, 2), strings (S, 2), beams (S), law of the beams (S), places of elements (S, 2) and dampers (S, 2)
  * in the programs, nodes with a point mass (P), with drag (R), moved nodes (E), strings with an actuator (A), programs, one 0 where
  * the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), programs, start values of all inputs and parameters;
- * uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see model.py. */
+ * uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see kernel/packing.py. */
 #include "internal.h"
 
 #include <math.h>

@@ -44,7 +44,7 @@ typedef struct {
     int32_t padding;
 } ts_transition;
 
-/* Make a simulation from a packed model (model.py, to_bytes).  NULL on failure, with the reason in message. */
+/* Make a simulation from a packed model (kernel/packing.py, to_bytes).  NULL on failure, with the reason in message. */
 TS_API ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity);
 TS_API void ts_free(ts_sim *sim);
 

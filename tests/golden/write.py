@@ -12,9 +12,9 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent)]
 
 from support import push, scene  # noqa: E402
 
-from tensegrity_core import reference  # noqa: E402
-from tensegrity_core.inputs import grid, held  # noqa: E402
-from tensegrity_core.scene import builtin_scenes  # noqa: E402
+from tensegrity_core import reference
+from tensegrity_core.model import grid, held
+from tensegrity_core.scene import builtin_scenes
 
 DURATION, STEP = 0.5, 0.05
 

@@ -1,0 +1,190 @@
+"""Figures of the article's experiments, in the article's form: 3, 5 and 6 to 10.  Solid: with NSH; dashed: without."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ..files import replacing, write_text
+from .experiments import BEAM, Absorption, Actuation, Curve, Steady, Wave
+
+DPI = 100
+STYLE = {
+    "svg.fonttype": "none", "svg.hashsalt": "tensegrity", "font.size": 8.5, "axes.titlesize": 9.0, "axes.grid": True,
+    "grid.color": "#e6e4de", "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.fontsize": 7.5, "lines.linewidth": 1.2,
+    "axes.titlelocation": "left",
+}  # fmt: skip
+TITLES = {"two_bar": "two-bar", "three_bar": "three-bar", "six_bar": "six-bar"}
+AXIS_COLOURS = {"x": "#22252e", "y": "#1b9aaa", "z": "#d1495b"}
+NSH_LINE, PLAIN_LINE = {"color": "#22252e", "linestyle": "-"}, {"color": "#22252e", "linestyle": "--"}
+LINES = {True: NSH_LINE, False: PLAIN_LINE}
+LABELS = {True: "with NSH", False: "without NSH"}
+
+
+def _with_nsh(name: str) -> bool:
+    return name.endswith("nsh")
+
+
+def _figure(width: float, height: float) -> Figure:
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def figure_3(data: Curve) -> Figure:
+    """Force of a single beam, its extrema, and regions I to III."""
+    figure = _curve(data, "f in N", "u in cm")
+    (axes,) = figure.axes
+    low, high = (100.0 * data.marks[name][0] for name in ("f_max", "f_min"))
+    for where, name in ((0.5 * low, "I"), (0.5 * (low + high), "II"), (0.5 * (high + 200.0 * BEAM.h[0]), "III")):
+        axes.text(where, 0.05, name, transform=axes.get_xaxis_transform(), ha="center")
+    for x in (low, high):
+        axes.axvline(x, color="#6b705c", linewidth=0.8, linestyle=":")
+    axes.set_title(f"a beam: Q = {BEAM.Q[0]:g} N, \u03b6 = {BEAM.zeta[0]:g}, h = {100.0 * BEAM.h[0]:g} cm")
+    return figure
+
+
+def figure_5(data: Curve) -> Figure:
+    """Force of the honeycomb."""
+    figure = _curve(data, "f in N", "\u03be in cm")
+    figure.axes[0].set_title("the honeycomb: four beams in series")
+    return figure
+
+
+def _curve(data: Curve, force: str, elongation: str) -> Figure:
+    figure = _figure(5.2, 3.4)
+    axes = figure.subplots()
+    axes.plot(100.0 * data.elongation, data.force, **NSH_LINE)
+    last = max(x for x, _ in data.marks.values())
+    for name, (x, f) in data.marks.items():
+        axes.plot(100.0 * x, f, "o", color="#d1495b", markersize=4)
+        place = {"xytext": (0, -12 if name == "f_min" else 6), "ha": "right" if x == last else "center"}
+        axes.annotate(f"{name} {f:.2f} N", (100.0 * x, f), textcoords="offset points", fontsize=7.5, **place)
+    axes.set(xlabel=elongation, ylabel=force, ylim=(0.0, 1.12 * data.force.max()))
+    return figure
+
+
+def figure_6(data: Steady) -> Figure:
+    """Height of the top nodes against the lift; a panel per system."""
+    systems = list(dict.fromkeys(name.removesuffix("_nsh") for name in data.runs))
+    figure = _figure(3.1 * len(systems), 3.0)
+    for axes, name in zip(np.atleast_1d(figure.subplots(1, len(systems))), systems):
+        for scene in (name + "_nsh", name):
+            run, nsh = data.runs[scene], _with_nsh(scene)
+            for i, z in enumerate(run.height.T):
+                axes.plot(run.force, z, **LINES[nsh], marker=".", markersize=3, label="_" if i else LABELS[nsh])
+        axes.set(title=TITLES[name], xlabel="f_ext on each top node in N", ylabel="z of the top nodes in m")
+        axes.legend(loc="upper left")
+    return figure
+
+
+def figure_7(data: Wave) -> Figure:
+    """Displacement of n5: left with NSH, right without; a row per damping."""
+    dampings = list(dict.fromkeys(damping for _, damping in data.runs))
+    figure = _figure(8.2, 2.2 * len(dampings))
+    panels = figure.subplots(len(dampings), 2, sharex=True, sharey="row", squeeze=False)
+    for row, damping in zip(panels, dampings):
+        for axes, kind in zip(row, ("_nsh", "")):
+            moved = data.displacement("three_bar" + kind, damping)
+            for i, (axis, colour) in enumerate(AXIS_COLOURS.items()):
+                axes.plot(data.times, moved[:, i], color=colour, label=f"\u0394{axis}")
+            axes.set_title(f"{LABELS[bool(kind)]}, d = {damping:g} N s/m")
+            axes.margins(x=0.0)
+        row[0].set_ylabel(f"displacement of {data.node} in m")
+    for axes in panels[-1]:
+        axes.set_xlabel("t in s")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper right")
+    return figure
+
+
+def figure_8(data: Wave, damping: float = 500.0) -> Figure:
+    """Elastic force of n1-n4 at one damping."""
+    figure = _figure(6.4, 3.0)
+    axes = figure.subplots()
+    for kind in ("_nsh", ""):
+        axes.plot(data.times, data.string_force("three_bar" + kind, damping), **LINES[bool(kind)], label=LABELS[bool(kind)])
+    axes.set(xlabel="t in s", ylabel="elastic force of n1-n4 in N", title=f"d = {damping:g} N s/m")
+    axes.margins(x=0.0)
+    axes.legend(loc="upper right")
+    return figure
+
+
+def figure_9(data: Actuation) -> Figure:
+    """Displacement of each system's last node; a row per system, a column per axis."""
+    systems = list(dict.fromkeys(name.removesuffix("_nsh") for name in data.runs))
+    figure = _figure(9.2, 2.1 * len(systems))
+    panels = figure.subplots(len(systems), 3, sharex=True, squeeze=False)
+    for row, name in zip(panels, systems):
+        for axes in row:
+            axes.set_visible(False)
+        for scene in (name + "_nsh", name):
+            model, _ = data.runs[scene]
+            for axis, moved in zip(model.axes, data.displacement(scene).T):
+                axes, nsh = row[axis], _with_nsh(scene)
+                axes.set_visible(True)
+                axes.plot(data.times, 1e3 * moved, **LINES[nsh], label=LABELS[nsh])
+                axes.set_title(f"{TITLES[name]}: \u0394{'xyz'[axis]} of {model.node_names[-1]} in mm")
+                axes.margins(x=0.0)
+    for axes in panels[-1]:
+        axes.set_xlabel("t in s")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), ncols=2, loc="outside upper right")
+    return figure
+
+
+def figure_10(data: Absorption) -> Figure:
+    """External power over time, and its integral."""
+    figure = _figure(6.4, 4.4)
+    power, absorbed = figure.subplots(2, 1, sharex=True)
+    for name in ("nsh", "plain"):
+        run, nsh = data.runs[name], _with_nsh(name)
+        power.plot(run.times, run.power, **LINES[nsh], label=LABELS[nsh])
+        absorbed.plot(run.times, run.absorbed, **LINES[nsh], label=LABELS[nsh])
+    power.set_ylabel("external power in W")
+    absorbed.set(xlabel="t in s", ylabel="absorbed energy in J")
+    power.legend(loc="upper right")
+    for axes in (power, absorbed):
+        axes.margins(x=0.0)
+    return figure
+
+
+#: Experiment -> number of the article's figure -> what draws it.
+FIGURES = {
+    "I": {6: figure_6},
+    "II": {7: figure_7, 8: figure_8},
+    "III": {9: figure_9},
+    "IV": {10: figure_10},
+    "beam": {3: figure_3},
+    "nsh": {5: figure_5},
+}
+
+
+def style():
+    """Context in which figures are drawn and saved."""
+    return matplotlib.rc_context(STYLE)
+
+
+def write_figures(name: str, data, stem: Path) -> list[Path]:
+    """Draw an experiment's figures as stem_figure_N.png and .svg; equal data give equal bytes.  Returns the files."""
+    written = []
+    with style():
+        for number, draw in FIGURES[name].items():
+            written += save(draw(data), stem.with_name(f"{stem.name}_figure_{number}"))
+    return written
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write stem.png (256 colours, which halves it) and stem.svg (two decimals), each whole or not at all, without dates."""
+    files = [stem.with_name(stem.name + suffix) for suffix in (".png", ".svg")]
+    png, svg = io.BytesIO(), io.StringIO()
+    figure.savefig(png, dpi=DPI)
+    figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
+    few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    with replacing(files[0]) as file:
+        few.save(file, format="PNG", optimize=True)
+    text = re.sub(r"(\d\.\d\d)\d+", r"\1", svg.getvalue())
+    write_text(files[1], re.sub(r"[ \t]+$|^[ \t]+", "", text, flags=re.MULTILINE))
+    return files

@@ -1,0 +1,1 @@
+"""The subcommands of `tensegrity`, one module each: options, and what is printed."""

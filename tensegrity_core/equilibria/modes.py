@@ -1,0 +1,240 @@
+"""Small motions about an equilibrium: frequencies, damping, decay rates and shapes.
+
+Along r orthonormal directions y that keep the bars' lengths, small motions obey
+
+    M y'' + C y' + K y = 0,
+
+M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair) and point masses, C = sum d u u^T over
+the taut strings with direction u, d a damper's slope at rest, and the nodes' drag, K the tangent stiffness with its geometric
+part.  Actuators hold their strings' rest lengths: their drums stand still, as in statics.  Solutions y = phi exp(lambda t)
+are eigenvectors of
+
+    [0 1; -M^-1 K -M^-1 C]   (Tisseur and Meerbergen, "The quadratic eigenvalue problem", 2001, section 3.4).
+
+A complex pair lambda = -zeta w +- i w sqrt(1 - zeta^2) oscillates; its shape is complex where dampers are not proportional
+to mass and stiffness: parts of the structure move out of phase.  A real lambda decays without oscillation (or grows, where the
+equilibrium is unstable); an overdamped direction has two of them.
+
+Neutral directions, which K does not resist (rigid-body motions, mechanisms of slack strings), are found first, by the rank of
+K: their lambda = 0 is exact, and the rest is solved without them.  With N their basis and y = N a + Z b they obey a'' = 0 where
+dampers leave them alone too; else, with drag, b' = Z^T v and v' = -K Z b - C v (unit masses) has the other eigenvalues: those of
+the rates at which the drag stops them among these.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .. import laws, statics
+from ..model import Model
+from ..statics import NEUTRAL
+
+
+SPLIT = 1e-9  # of an eigenvalue: imaginary parts below are round-off
+
+
+class Mode(NamedTuple):
+    """eigenvalue: lambda, 1/s, with an imaginary part >= 0; shape: (N, 3) complex, its largest component 1; neutral: what a
+    direction is that nothing resists, such as 'rotation about z' of a structure afloat, else ''."""
+
+    eigenvalue: complex
+    shape: np.ndarray
+    neutral: str = ""
+
+    @property
+    def oscillates(self) -> bool:
+        return self.eigenvalue.imag != 0.0
+
+    @property
+    def frequency(self) -> float:
+        """Hz, as seen with the damping; 0 where nothing oscillates."""
+        return self.eigenvalue.imag / (2.0 * np.pi)
+
+    @property
+    def natural_frequency(self) -> float:
+        """Hz: |lambda| / 2 pi, which the damping leaves alone where it is proportional."""
+        return abs(self.eigenvalue) / (2.0 * np.pi)
+
+    @property
+    def decay_rate(self) -> float:
+        """1/s: amplitudes fall as exp(-decay_rate t); negative where they grow."""
+        return -self.eigenvalue.real
+
+    @property
+    def damping_ratio(self) -> float:
+        """zeta; 1 and -1 where nothing oscillates."""
+        size = abs(self.eigenvalue)
+        return self.decay_rate / size if size else 0.0
+
+
+class Matrices(NamedTuple):
+    """mass (kg), damping (N s/m), stiffness (N/m): (r, r) along the columns of basis (n, r), n free coordinates."""
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    basis: np.ndarray
+
+
+def matrices(model: Model, force=None) -> Matrices:
+    """M, C and K at the model's start under external forces (N, 3), N; strings with memory as stretched from slack.
+
+    Raises TooLarge: they are dense.
+    """
+    statics.require_small(model, "finding its modes")
+    point = statics.Surface(model, force, _Plain).at(model.nodes)
+    strings = model.strings
+    length = np.linalg.norm(model.nodes[strings[:, 1]] - model.nodes[strings[:, 0]], axis=1)
+    growth = -statics.equilibrium_matrix(model)[:, : len(strings)].T @ point.basis
+    damping = (growth.T * np.where(length > model.rest_length, _dampers(model), 0.0)) @ growth
+    drag = _at_nodes(model, dict(model.drag))
+    damping += (point.basis.T * drag) @ point.basis
+    mass = point.basis.T @ mass_matrix(model) @ point.basis
+    stiffness = point.tangent.matrix
+    return Matrices(mass, damping, 0.5 * (stiffness + stiffness.T), point.basis)
+
+
+class _Plain:
+    """A tangent stiffness as it is."""
+
+    assembled = staticmethod(statics.dense)
+
+    def __init__(self, matrix: np.ndarray):
+        self.matrix = matrix
+
+
+def _dampers(model: Model) -> np.ndarray:
+    """(S,) N s/m: slopes of the strings' damping tensions at rest."""
+    return np.array([d if law is None else laws.damping(law).slope(0.0) for d, law in zip(model.damping, model.damper)])
+
+
+def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:
+    """(n,): what some nodes have, at the free coordinates."""
+    field = np.zeros(len(model.nodes))
+    field[list(values)] = list(values.values())
+    return np.repeat(field[model.free_nodes], len(model.axes))
+
+
+def mass_matrix(model: Model) -> np.ndarray:
+    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars, and point masses; fixed nodes left out."""
+    place = statics.places(model)
+    ends = place[model.bars]  # (B, 2, D)
+    rows, columns, values = [], [], []
+    for i in range(2):
+        for j in range(2):
+            share = model.bar_mass[:, None] / (3.0 if i == j else 6.0)
+            rows.append(ends[:, i].ravel())
+            columns.append(ends[:, j].ravel())
+            values.append(np.broadcast_to(share, ends[:, i].shape).ravel())
+    n = len(model.free_nodes) * len(model.axes)
+    full = statics.dense(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), (n, n))
+    full[np.diag_indices(n)] += _at_nodes(model, dict(model.point_mass))
+    return full
+
+
+def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
+    """Modes about the model's start under external forces (N, 3), N; complex pairs once.  Neutral directions, rigid-body motions
+    first, come before all others, with lambda = 0 and their name; then what grows, or lives longest (rising decay rate, then
+    rising |lambda|).
+
+    The start is meant to be an equilibrium under these forces (statics.settle makes it one).  damped: False leaves out the
+    dampers.  Raises TooLarge.
+    """
+    found = matrices(model, force)
+    if not len(found.mass):
+        return []
+    lower = np.linalg.cholesky(found.mass)
+    inverse = np.linalg.inv(lower)
+    stiffness = inverse @ found.stiffness @ inverse.T
+    damping = inverse @ found.damping @ inverse.T * float(damped)
+    neutral = _null(found.stiffness)
+    loose = neutral @ _null(found.damping @ neutral * float(damped), np.abs(found.damping).max())
+    values, vectors = _eigenpairs(stiffness, damping, lower.T @ neutral, lower.T @ loose)
+    shapes = found.basis @ inverse.T @ vectors
+    order = np.lexsort((np.abs(values), -values.real))
+    named = [Mode(0j, _shape(model, field), name) for name, field in _named(model, found.basis @ neutral)]
+    return named + [Mode(complex(values[i]), _shape(model, shapes[:, i])) for i in order]
+
+
+def _null(matrix: np.ndarray, largest: float = 0.0) -> np.ndarray:
+    """(r, k) orthonormal: what a matrix (q, r) makes nothing of, beside round-off of its largest value or of `largest`."""
+    _, sizes, directions = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
+    rank = int(np.sum(sizes > NEUTRAL * max(largest, sizes.max(initial=0.0))))
+    return directions[rank:].T
+
+
+def _complement(directions: np.ndarray) -> np.ndarray:
+    """(r, r - k): orthonormal, across the independent directions (r, k)."""
+    return np.linalg.qr(directions, mode="complete")[0][:, directions.shape[1] :]
+
+
+def _eigenpairs(stiffness, damping, neutral, loose) -> tuple[np.ndarray, np.ndarray]:
+    """lambda with imaginary part >= 0, and phi (r, modes), of unit masses; without the zeros of neutral directions (r, k), which
+    the stiffness leaves alone, and of loose ones (r, l) among them, which the damping leaves alone too."""
+    rest = _complement(loose)
+    stiffness, damping, neutral = rest.T @ stiffness @ rest, rest.T @ damping @ rest, rest.T @ neutral
+    dragged = np.linalg.svd(neutral, full_matrices=False)[0][:, : neutral.shape[1] - loose.shape[1]]
+    if not damping.any():  # symmetric: exact pairs
+        squares, vectors = np.linalg.eigh(stiffness)
+        oscillating = np.where(squares >= 0.0, 1j * np.sqrt(np.abs(squares)), np.sqrt(np.abs(squares)))
+        growing = squares < 0.0
+        vectors = rest @ np.hstack([vectors, vectors[:, growing]]).astype(complex)
+        return np.append(oscillating, -oscillating[growing]), vectors
+    resisted = _complement(dragged)
+    k = resisted.shape[1]
+    values, vectors = np.linalg.eig(np.block([[np.zeros((k, k)), resisted.T], [-stiffness @ resisted, -damping]]))
+    values, vectors = _real_where_equal(values.astype(complex), vectors[k:].astype(complex))
+    kept = values.imag >= 0.0
+    return values[kept], rest @ vectors[:, kept]
+
+
+def _real_where_equal(values: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Equal real eigenvalues, which round-off parts into a pair with hardly an imaginary part, as the real ones they are."""
+    values, vectors = values.copy(), vectors.copy()
+    hardly = (values.imag != 0.0) & (np.abs(values.imag) <= SPLIT * np.abs(values))
+    for i in np.flatnonzero(hardly):  # of a pair, with vectors a + i b and a - i b: a and b
+        one = vectors[:, i].real if values[i].imag > 0.0 else vectors[:, i].imag
+        vectors[:, i] = one if np.linalg.norm(one) > SPLIT * np.linalg.norm(vectors[:, i]) else vectors[:, i].real
+        values[i] = values[i].real
+    return values, vectors
+
+
+def _named(model: Model, neutral: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Names and free coordinates of neutral directions (n, k): the rigid-body motions among them, then the others."""
+    if not neutral.shape[1]:
+        return []
+    fields = {name: field[model.free_nodes][:, model.axes].ravel() for name, field in statics.rigid_fields(model).items()}
+    rigid = neutral @ _aligned(neutral, statics.rigid_body_motions(model))
+    found, known = [], np.zeros((len(neutral), 0))
+
+    def add(name, field):
+        nonlocal known
+        beyond = field - known @ (known.T @ field)
+        if np.linalg.norm(beyond) > 1e-6 * max(np.linalg.norm(field), 1e-6):
+            known = np.column_stack([known, beyond / np.linalg.norm(beyond)])
+            found.append((name, field))
+
+    for name, field in fields.items():
+        if np.linalg.norm(field - rigid @ (rigid.T @ field)) <= 1e-6 * np.linalg.norm(field):
+            add(name, field)
+    for field in rigid.T:
+        add("rigid-body motion", field)
+    for field in neutral.T:
+        if len(found) < neutral.shape[1]:
+            add("mechanism without stiffness", field)
+    return found
+
+
+def _aligned(neutral: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    """(k, m): combinations of orthonormal directions (n, k) that are combinations of orthonormal motions, too."""
+    left, cosines, _ = np.linalg.svd(neutral.T @ motions, full_matrices=False)
+    return left[:, cosines > 1.0 - 1e-6]
+
+
+def _shape(model: Model, free: np.ndarray) -> np.ndarray:
+    """(N, 3): free coordinates' motion, its largest component made 1."""
+    shape = np.zeros(model.nodes.shape, dtype=complex)
+    shape[np.ix_(model.free_nodes, model.axes)] = (free / free[np.argmax(np.abs(free))]).reshape(-1, len(model.axes))
+    return shape

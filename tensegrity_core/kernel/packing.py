@@ -1,0 +1,119 @@
+"""A model as bytes for the C kernel: a header, arrays of numbers, force laws as programs, a hash."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS
+from ..model.elements import Beam, Damper, Element, Polynomial, Series, Spring, Table
+from ..model.model import Model
+from ..quantities import number
+
+#: Laws of beams in series by name; a law's place is its number in the kernel.
+SERIES_LAWS = ("single_valued", "hysteretic")
+
+
+def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np.ndarray]:
+    """Start values of all inputs and parameters, by field name."""
+    beams = [model.nsh[i] for i in model.nsh_strings]
+    motors = [model.actuator[i] for i in model.actuated]
+    moving, axes = list(model.moving), list(model.axes)
+    return {
+        "force": np.zeros(model.counts["F"] * model.counts["D"]),
+        "rest_length": model.rest_length,
+        "rest_length_rate": np.zeros(len(model.strings)),
+        "stiffness": model.stiffness,
+        "damping": model.damping,
+        "current": model.current,
+        "drum_load": model.drum_load,
+        "node_position": model.nodes[moving][:, axes].ravel(),
+        "node_velocity": model.velocity[moving][:, axes].ravel(),
+        "node_acceleration": np.zeros(len(moving) * len(axes)),
+        "gravity": np.array([model.gravity] if np.ndim(model.gravity) == 0 else model.g[axes], dtype=float),
+        "drag": np.array([value for _, value in model.drag]),
+        "point_mass": np.array([value for _, value in model.point_mass]),
+        "motor_inertia": np.array([motor.inertia for motor in motors]),
+        "motor_damping": np.array([motor.damping for motor in motors]),
+        "torque_constant": np.array([motor.torque_constant for motor in motors]),
+        "drum_radius": np.array([motor.radius for motor in motors]),
+        "bar_mass": model.bar_mass,
+        "nsh_Q": np.array([x for nsh in beams for x in nsh.Q]),
+        "nsh_zeta": np.array([x for nsh in beams for x in nsh.zeta]),
+        "nsh_h": np.array([x for nsh in beams for x in nsh.h]),
+        "tolerance": np.array([number("tolerance", tolerance)]),
+        "max_step": np.array([number("max_step", max_step)]),
+    }
+
+
+def fnv1a(data: bytes) -> int:
+    """64-bit FNV-1a hash, as the kernel computes it."""
+    value = 14695981039346656037
+    for byte in data:
+        value = ((value ^ byte) * 1099511628211) & 0xFFFFFFFFFFFFFFFF
+    return value
+
+
+class _Programs:
+    """Force laws as numbers that the kernel reads: each a tree in prefix order; a string keeps where its own begins, -1: none.
+
+    ints: of an element its kind (the place in `fields.ELEMENTS`) and what it counts: coefficients, points and interpolation (0 linear,
+    1 cubic), parts and law; doubles: k; Q, zeta, h; coefficients; x and f.
+    """
+
+    def __init__(self):
+        self.ints: list[int] = []
+        self.doubles: list[float] = []
+        self._known: dict = {}
+
+    def place(self, law: Element | Damper | None) -> tuple[int, int]:
+        """(first int, first double) of a law's program; (-1, -1): none.  Equal laws share theirs."""
+        if law is None:
+            return -1, -1
+        if law not in self._known:
+            self._known[law] = len(self.ints), len(self.doubles)
+            self._write(law)
+        return self._known[law]
+
+    def _write(self, law: Element | Damper) -> None:
+        self.ints.append(ELEMENTS.index(type(law).__name__.lower()))
+        if isinstance(law, Spring):
+            self.doubles.append(law.k)
+        elif isinstance(law, Beam):
+            self.doubles += [law.Q, law.zeta, law.h]
+        elif isinstance(law, Polynomial):
+            self.ints.append(len(law.coefficients))
+            self.doubles += law.coefficients
+        elif isinstance(law, Table):
+            self.ints += [len(law.x), int(law.interpolation == "cubic")]
+            self.doubles += [*law.x, *law.f]
+        else:
+            self.ints.append(len(law.parts))
+            if isinstance(law, Series):
+                self.ints.append(SERIES_LAWS.index(law.law))
+            for part in law.parts:
+                self._write(part)
+
+
+def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
+    """The model as the packed bytes that the kernel reads; the layout stands in native/model.c.
+
+    method, tolerance, max_step: defaults of the fields of these names.
+    """
+    axes = list(model.axes)
+    counts = [model.counts[letter] for letter in COUNTS]
+    z_axis = axes.index(2) if 2 in axes else -1
+    beams = [len(nsh.Q) if nsh is not None else 0 for nsh in model.nsh]
+    laws = [SERIES_LAWS.index(nsh.law) if nsh is not None else 0 for nsh in model.nsh]
+    programs = _Programs()
+    places = [n for law in (*model.element, *model.damper) for n in programs.place(law)]
+    sizes = [len(programs.ints), len(programs.doubles)]
+    header = [*counts, DAMPING_LAWS.index(model.damping_law), METHODS.index(method), z_axis, *sizes]
+    ints = [*header, *model.fixed.astype(int), *model.bars.ravel(), *model.strings.ravel(), *beams, *laws, *places]
+    ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
+    ints += programs.ints
+    ints += [0] * (len(ints) % 2)
+    start = _parameters(model, tolerance, max_step)
+    doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]
+    doubles += [start[field.name] for field in FIELDS if field.role != "output"]
+    body = b"TSMODEL2" + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
+    return body + fnv1a(body).to_bytes(8, "little")

@@ -1,0 +1,71 @@
+"""Runs of the kernel over held inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError, SimulationError
+from ..fields import METHODS, outputs
+from ..model import Inputs, Model, Result, Transition
+from ..model.components import spread
+from .binding import Kernel
+
+#: Calls into which `simulate` divides a step that is more work than one call may take.
+PARTS = 50
+
+
+def input_rows(model: Model, inputs: Inputs) -> np.ndarray:
+    """(K, inputs) values of all inputs in the order of the kernel's block."""
+    inputs, axes, steps = inputs.resolved(model), list(model.axes), len(inputs.times) - 1
+    force = inputs.force[:, model.free_nodes[:, None], axes]
+    motion = (getattr(inputs, name)[:, :, axes] for name in ("node_position", "node_velocity", "node_acceleration"))
+    parts = (force, inputs.rest_length, inputs.rest_length_rate, inputs.current, inputs.drum_load, *motion)
+    return np.hstack([np.asarray(part, dtype=float).reshape(steps, -1) for part in parts])
+
+
+def _step(kernel: Kernel, h: float) -> list[Transition]:
+    """A step, in PARTS where it is more work than one call may take; returns its transitions."""
+    try:
+        kernel.step(h)
+    except SimulationError as error:
+        if error.status != "work_limit":
+            raise
+    else:
+        return kernel.transitions if kernel.transition_count else []
+    found: list[Transition] = []
+    length, position, speed = (kernel[name].copy() for name in ("rest_length", "node_position", "node_velocity"))
+    for n in range(PARTS):
+        t = h * n / PARTS
+        kernel["rest_length"][:] = length + kernel["rest_length_rate"] * t
+        kernel["node_position"][:] = position + (speed + 0.5 * kernel["node_acceleration"] * t) * t
+        kernel["node_velocity"][:] = speed + kernel["node_acceleration"] * t
+        kernel.step(h / PARTS)
+        found += kernel.transitions
+    return found
+
+
+def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> Result:
+    """Run the kernel over held inputs (inputs.Inputs); the same signature and result as the reference.
+
+    Raises InputError for bad inputs and SimulationError where the kernel cannot go on.
+    """
+    if method not in METHODS:
+        raise InputError(f"method = {method!r} is not one of {', '.join(METHODS)}")
+    kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step)
+    given, steps = input_rows(model, inputs), len(inputs.times) - 1
+    block = kernel.values[: given.shape[1]]
+    rows = np.empty((steps + 1, len(kernel.values)))
+    counts = np.empty((steps + 1, len(kernel.integers)), dtype=int)
+    transitions: list[Transition] = []
+
+    block[:] = given[0]
+    kernel.initialize(inputs.times[0])
+    rows[0], counts[0] = kernel.values, kernel.integers
+    for k, h in enumerate(np.diff(inputs.times).tolist()):
+        block[:] = given[k]
+        transitions += _step(kernel, h)
+        rows[k + 1], counts[k + 1] = kernel.values, kernel.integers
+    series = {name: rows[:, at] for name, at in kernel.layout.items()}
+    series |= {name: counts[:, at] for name, at in kernel.integer_layout.items()}
+    found = {field.name: spread(field, model, series[field.name]) for field in outputs()}
+    return Result(np.array(inputs.times), transitions, kernel.stats, **found)

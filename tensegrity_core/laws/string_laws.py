@@ -1,0 +1,227 @@
+"""The elastic tension of all strings at once, each on a given piece of its force curve.
+
+Pieces are numbered as in `nsh`: 0 is slack, 1 taut; an NSH goes on with the pieces of its series curve, up to the one
+where it has bottomed out, any other element without memory with those of `laws`.  On its piece a string's law is smooth,
+also beyond the piece's ends, so that Newton's method needs to know of no kink.
+
+Every piece is a row of panels, and on a panel force and stiffness are polynomials of t = -1..1.  Slack, linear, snap and
+bottomed-out pieces, polynomials and tables are polynomials anyway.  All others, as rises, are cut into panels until the
+Chebyshev interpolants of the exact force and of the exact stiffness err by round-off only; beyond its ends a rise goes on
+with its second order Taylor polynomial.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from ..errors import InputError
+from ..model import NSH, Model
+from ..model.elements import Element
+from . import elements
+from . import nsh as nsh_law
+from .panels import DEGREE, POWERS, NoPanels, Panel, _pieces, _table
+
+MOST_KNOWN = 1000  # combinations of pieces that are kept ready
+
+
+def string_laws(model: Model) -> StringLaws:
+    """The laws of a model's strings; made once for all models with the same.
+
+    Raises InputError for a string with memory, and for one whose law goes on for ever and is no polynomial there.
+    """
+    for i in model.memories:
+        raise InputError(f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of "
+                         "its elongation; let statics.settle follow it, which carries the state of such strings along")
+    kinds = tuple(model.laws.get(i, model.nsh[i]) for i in range(len(model.strings)))
+    try:
+        return _made(kinds, tuple(model.stiffness.tolist()))
+    except NoPanels as failure:
+        raise InputError(f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
+                         "goes on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
+                         "stop or a straight line") from None
+
+
+class StringLaws:
+    """Tension, stiffness and energy of strings.  Make one with `string_laws`.
+
+    kinds: per string its NSH or element, or None for a spring; stiffness: of all strings, N/m.
+
+    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece;
+    narrow: (S,) m, what a step of the elongation must be small beside, inf where nothing falls.
+    """
+
+    def __init__(self, kinds: tuple[NSH | Element | None, ...], stiffness: tuple[float, ...]):
+        pieces, ends = [], []
+        for i, (kind, k) in enumerate(zip(kinds, stiffness)):
+            try:
+                pieces.append(_pieces(kind, k))
+            except NoPanels as failure:
+                failure.string = i
+                raise
+            ends.append(_breakpoints(kind))
+        most = max((len(p) for p in pieces), default=0)
+        shape = (len(pieces), most)
+        self._known: dict[bytes, OnPieces] = {}
+        self._all = most * np.arange(len(pieces))  # where each string's row of pieces begins
+        self.lower, self.upper = np.full(shape, -np.inf), np.full(shape, np.inf)
+        first, count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
+        self._ends = np.full((len(pieces), max(most - 1, 0)), np.inf)
+        self.last = np.array([len(p) - 1 for p in pieces], dtype=int)
+        rows: dict[tuple, int] = {}
+        panels: list[Panel] = []
+        for s, (own, breaks) in enumerate(zip(pieces, ends)):
+            self._ends[s, : len(breaks)] = breaks
+            self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
+            for p, row in enumerate(own):
+                key = (kinds[s], p, stiffness[s])
+                if key not in rows:
+                    rows[key] = len(panels)
+                    panels += row
+                first[s, p], count[s, p] = rows[key], len(row)
+        start = np.where(np.isfinite(self.lower), self.lower, 0.0)
+        cut = np.isfinite(self.upper) & (count > 1)
+        self._density = np.where(cut, count / np.where(cut, self.upper - start, 1.0), 0.0).ravel()  # panels per m
+        self._start, self._first, self._most = start.ravel(), first.ravel(), count.ravel() - 1
+        self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
+        bends = [polynomial.polyder(p.stiffness) / p.half for p in panels]
+        laws_of = [p.force for p in panels], [p.stiffness for p in panels], bends
+        self._laws = np.stack([_table(rows) for rows in laws_of], axis=1)
+        self._energy = _table([p.energy for p in panels], DEGREE + 2)
+        self.falls = self._falling()
+        self.narrow = np.array([_narrow(kind) for kind in kinds])
+
+    def _falling(self) -> np.ndarray:
+        """(S, P): whether the stiffness is negative somewhere on a piece."""
+        found = np.zeros(self.lower.shape, dtype=bool)
+        for part in np.linspace(0.05, 0.95, 10):
+            for piece in range(1, self.lower.shape[1]):
+                start, end = self.lower[:, piece], self.upper[:, piece]
+                inside = np.isfinite(start) & np.isfinite(end)
+                start, end = np.where(inside, start, 0.0), np.where(inside, end, 0.0)
+                x = start + part * (end - start)
+                found[:, piece] |= inside & (self(x, np.minimum(piece, self.last))[1] < 0.0)
+        return found
+
+    def piece_of(self, stretch: np.ndarray) -> np.ndarray:
+        """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
+        return (stretch[:, None] > self._ends).sum(axis=1)
+
+    def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S,), (S,) m: elongations at which these pieces begin and end."""
+        return self.lower.ravel()[self._all + piece], self.upper.ravel()[self._all + piece]
+
+    def __call__(self, stretch: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
+        row, powers, over = self._place(stretch, piece)
+        force, stiffness, bend = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
+        if over.any():
+            force = force + over * (stiffness + 0.5 * bend * over)
+            stiffness = stiffness + bend * over
+        return force, stiffness
+
+    def one(self, string: int, piece: int, x: float) -> tuple[float, float, float]:
+        """N, N/m and N/m2 of one string on a piece at an elongation (m): tension, stiffness and its slope."""
+        at = self._all[string] + piece
+        row = self._first[at] + min(max(int((x - self._start[at]) * self._density[at]), 0), self._most[at])
+        centre, half, _ = self._spans[:, row]
+        force, stiffness, bend = (self._laws[row] @ ((x - centre) / half) ** POWERS).tolist()
+        return force, stiffness, bend
+
+    def on(self, piece: np.ndarray) -> OnPieces:
+        """The laws of these pieces (S,), ready for many elongations."""
+        key = piece.tobytes()
+        if key not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = OnPieces(self, piece)
+        return self._known[key]
+
+    def energy(self, stretch: np.ndarray, piece: np.ndarray) -> np.ndarray:
+        """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
+        row, powers, _ = self._place(stretch, piece, DEGREE + 2)
+        return np.einsum("ij,ij->i", self._energy[row], powers)
+
+    def _place(self, stretch, piece, count: int = DEGREE + 1):
+        """Row of each string's panel, powers of its t there (S, count), and how far (m) it lies beyond its piece."""
+        at = self._all + piece
+        row = ((stretch - self._start[at]) * self._density[at]).astype(int)
+        row = self._first[at] + np.minimum(np.maximum(row, 0), self._most[at])
+        centre, half, reach = self._spans[:, row]
+        t = (stretch - centre) / half
+        inside = np.minimum(np.maximum(t, -reach), reach)
+        powers = np.empty((len(row), count))
+        powers[:, 0], powers[:, 1:] = 1.0, inside[:, None]
+        return row, np.multiply.accumulate(powers, axis=1, out=powers), (t - inside) * half
+
+
+class OnPieces:
+    """Tension, stiffness and its slope of all strings, each on a fixed piece; as StringLaws, in less time.
+
+    piece: (S,); lower, upper: (S,) m, its ends; curved: (C,) the strings whose law there is no straight line; falling: those
+    whose stiffness is negative somewhere on the piece.
+    """
+
+    def __init__(self, laws: StringLaws, piece: np.ndarray):
+        self.piece = piece
+        self.lower, self.upper = laws.ends(piece)
+        self.falling = np.flatnonzero(laws.falls[np.arange(len(piece)), piece])
+        at = laws._all + piece
+        first, most = laws._first[at], laws._most[at]
+        centre, half, reach = laws._spans[:, first]
+        curved = (most > 0) | (np.abs(laws._laws[first, 1, 1:]).max(axis=1, initial=0.0) > 0.0)
+        self.curved = np.flatnonzero(curved)
+        self._stiffness = np.where(curved, 0.0, laws._laws[first, 1, 0])
+        self._force = np.where(curved, 0.0, laws._laws[first, 0, 0] - self._stiffness * centre)
+        at = at[self.curved]
+        self._start, self._density = laws._start[at], laws._density[at]
+        self._first, self._most = first[self.curved], most[self.curved]
+        self._laws, self._spans = laws._laws, laws._spans
+        self._powers = np.ones((len(at), DEGREE + 1, 1))
+
+    def __call__(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(S,) N, (S,) N/m at elongations (S,), m, and (C,) N/m2, the slope of the curved strings' stiffness."""
+        force = self._force + self._stiffness * stretch
+        if not len(self.curved):
+            return force, self._stiffness, self._start
+        x = stretch[self.curved]
+        row = ((x - self._start) * self._density).astype(int)
+        row = self._first + np.minimum(np.maximum(row, 0), self._most)
+        centre, half, reach = self._spans.take(row, axis=1)
+        t = inside = (x - centre) / half
+        beyond = (np.abs(t) > reach).any()
+        if beyond:
+            inside = np.minimum(np.maximum(t, -reach), reach)
+        powers = self._powers
+        powers[:, 1:, 0] = inside[:, None]
+        np.multiply.accumulate(powers, axis=1, out=powers)
+        tension, stiffness, bend = (self._laws.take(row, axis=0) @ powers)[:, :, 0].T
+        if beyond:
+            over = (t - inside) * half
+            tension = tension + over * (stiffness + 0.5 * bend * over)
+            stiffness = stiffness + bend * over
+        force[self.curved] = tension
+        full = self._stiffness.copy()
+        full[self.curved] = stiffness
+        return force, full, bend
+
+
+_made = lru_cache(maxsize=32)(StringLaws)
+
+
+def _narrow(kind: NSH | Element | None) -> float:
+    """m: the lowest beam of an NSH, an element's shortest stretch on which the force falls."""
+    if kind is None:
+        return np.inf
+    if isinstance(kind, NSH):
+        return min(kind.h)
+    return min((one.end - one.start for one in elements.law(kind).stretches if one.sign < 0), default=np.inf)
+
+
+def _breakpoints(kind: NSH | Element | None) -> np.ndarray:
+    """(P+1,) m, where the pieces of a string end."""
+    if kind is None:
+        return np.array([0.0])
+    return nsh_law.breakpoints(kind) if isinstance(kind, NSH) else np.array(elements.law(kind).breakpoints)

@@ -1,0 +1,77 @@
+"""What the letters of a field's shape stand for in a model: the components of its values, their variables' names, and the shape
+that the values have in a result.
+
+A field is flat where it is a block of variables, (rows, values) in row-major order of its shape.  In a result a vector of some
+nodes is spread over all of them, (rows, N, 3), and a single value is (rows,).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from ..fields import Field
+from .model import Model
+
+AXES = "xyz"
+
+
+def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
+    """What stands for each letter of the field's shape, value by value."""
+    letters = {
+        "D": [{"D": AXES[i]} for i in model.axes],
+        "N": [{"N": name} for name in model.node_names],
+        "F": [{"F": model.node_names[i]} for i in model.free_nodes],
+        "G": [{"G": model.node_names[i]} for i in model.fixed_nodes],
+        "B": [{"B": name} for name in model.bar_names],
+        "S": [{"S": name} for name in model.string_names],
+        "H": [{"H": model.string_names[i], "beams": len(model.nsh[i].Q)} for i in model.nsh_strings],
+        "Z": [
+            {"Z": model.string_names[i], "beam": beam + 1}
+            for i in model.nsh_strings
+            for beam in range(len(model.nsh[i].Q))
+        ],
+        "V": [{"V": ""}] if model.counts["V"] == 1 else [{"V": f".{AXES[i]}"} for i in model.axes],
+        "P": [{"P": model.node_names[node]} for node, _ in model.point_mass],
+        "R": [{"R": model.node_names[node]} for node, _ in model.drag],
+        "E": [{"E": model.node_names[node]} for node in model.moving],
+        "A": [{"A": model.string_names[i]} for i in model.actuated],
+    }
+    for parts in product(*(letters[letter] for letter in field.shape)):
+        yield {key: value for part in parts for key, value in part.items()}
+
+
+def names(field: Field, model: Model) -> list[str]:
+    """The names of a field's variables, structured."""
+    return [field.variable.format(**component) for component in components(field, model)]
+
+
+def _nodes(field: Field, model: Model) -> np.ndarray | None:
+    """Nodes over which the field's vectors stand, or None."""
+    if field.shape[-1:] != ("D",):
+        return None
+    named = {"N": range(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes, "E": model.moving}
+    return np.array(named[field.shape[0]], dtype=int)
+
+
+def spread(field: Field, model: Model, flat: np.ndarray) -> np.ndarray:
+    """Flat values (rows, n) in a result's shape; vectors are zero at the other nodes, and positions keep the scene's coordinate
+    along an axis that it does not use."""
+    nodes, axes = _nodes(field, model), list(model.axes)
+    if nodes is None:
+        return flat if field.shape else flat[:, 0]
+    full = np.zeros((len(flat), len(model.nodes), 3))
+    if field.compared == "position":
+        full[:] = model.nodes
+    full[:, nodes[:, None], axes] = flat.reshape(len(flat), len(nodes), len(axes))
+    return full
+
+
+def flattened(field: Field, model: Model, values: np.ndarray) -> np.ndarray:
+    """(rows, n) values out of a result's shape."""
+    nodes = _nodes(field, model)
+    if nodes is not None:
+        values = values[:, nodes[:, None], list(model.axes)]
+    return values.reshape(len(values), -1)

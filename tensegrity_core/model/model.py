@@ -1,0 +1,249 @@
+"""The model: a scene as frozen arrays, ready to simulate.
+
+A `Model` is what the reference, the kernel and the FMU builder all read.  It holds the start (in equilibrium unless the
+scene says otherwise) and the rest lengths that `statics` computed; it knows nothing of files.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from ..quantities import array_of, floats, number
+from .elements import Beam, Damper, Element, Series
+
+
+@dataclass(frozen=True)
+class NSH:
+    """A negative stiffness honeycomb: beams in series.
+
+    Q: force scale, N; zeta: shape parameter, 1; h: arch height, m; one value per beam, any number of beams >= 1.
+    law: 'single_valued' or 'hysteretic', see `elements.Series`.
+    """
+
+    Q: tuple[float, ...]
+    zeta: tuple[float, ...]
+    h: tuple[float, ...]
+    law: str = "single_valued"
+
+    def __post_init__(self):
+        for name in ("Q", "zeta", "h"):
+            object.__setattr__(self, name, floats(f"nsh.{name}", getattr(self, name)))
+
+    @property
+    def element(self) -> Series:
+        """The same as an element."""
+        return Series(tuple(Beam(*beam) for beam in zip(self.Q, self.zeta, self.h)), self.law)
+
+    @property
+    def plain(self) -> bool:
+        """Whether it has no memory and metastable beams only, which is what `nsh` is for."""
+        return self.law == "single_valued" and all(2.0 < zeta < 8.0 for zeta in self.zeta)
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A motor with a drum that winds a string in, eq. 8 with the sign of winding in: J_a delta'' + d_a delta' = k_a i - r T.
+
+    inertia: J_a, kg m2; damping: d_a, N m s; torque_constant: k_a, N m/A; radius: r, m (1 for a linear motor).
+    """
+
+    inertia: float
+    damping: float
+    torque_constant: float
+    radius: float
+
+    def __post_init__(self):
+        for name in ("inertia", "damping", "torque_constant", "radius"):
+            object.__setattr__(self, name, number(f"actuator.{name}", getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class Model:
+    """A tensegrity.  Index arrays count nodes from 0 in scene order; SI units; coordinates are always 3D (x, y, z).
+
+    Attributes:
+        name: scene name, an identifier.
+        description: one line for humans.
+        axes: coordinate axes that the scene uses: (0, 1, 2), or two of them in a planar scene.
+        node_names, bar_names, string_names: component names.
+        nodes: (N, 3) start positions, m.
+        fixed: (N,) bool, nodes fixed to the ground.
+        bars: (B, 2) int, nodes at the two ends; b = second - first.
+        bar_mass: (B,) kg.
+        strings: (S, 2) int, nodes at the two ends; s = second - first.
+        stiffness: (S,) N/m; of an NSH string: its stiffness once the NSH has bottomed out.
+        damping: (S,) N.s/m.
+        rest_length: (S,) m.
+        nsh: per string its NSH, or None.
+        damping_law: 'literal' or 'tension_only'.
+        gravity: m/s2, towards -z; or a vector (x, y, z).
+        nominal: (N, 3) node coordinates as the scene file gives them, m; the start differs where it was settled.
+        velocity: (N, 3) start velocities, m/s (zero in scenes).
+        element: per string its force law where it is neither a spring nor an NSH, else None.
+        damper: per string its damping law where it is not linear, else None.
+        actuator: per string its actuator, or None; current: (A,) A, drum_load: (A,) N, their start values.
+        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order; a free node on no bar has one.
+        drag: (node, N.s/m) of the nodes with viscous drag, in node order.
+        moving: fixed nodes whose motion is an input, in node order.
+    """
+
+    name: str
+    description: str
+    axes: tuple[int, ...]
+    node_names: tuple[str, ...]
+    bar_names: tuple[str, ...]
+    string_names: tuple[str, ...]
+    nodes: np.ndarray
+    fixed: np.ndarray
+    bars: np.ndarray
+    bar_mass: np.ndarray
+    strings: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    rest_length: np.ndarray
+    nsh: tuple[NSH | None, ...]
+    damping_law: str
+    gravity: float | tuple[float, float, float]
+    nominal: np.ndarray
+    velocity: np.ndarray = field(default=None)
+    element: tuple[Element | None, ...] = ()
+    damper: tuple[Damper | None, ...] = ()
+    actuator: tuple[Actuator | None, ...] = ()
+    current: np.ndarray = ()
+    drum_load: np.ndarray = ()
+    point_mass: tuple[tuple[int, float], ...] = ()
+    drag: tuple[tuple[int, float], ...] = ()
+    moving: tuple[int, ...] = ()
+
+    def __post_init__(self):
+        if np.size(self.gravity) == 1:
+            object.__setattr__(self, "gravity", number("gravity", self.gravity))
+        else:
+            object.__setattr__(self, "gravity", tuple(array_of("gravity", self.gravity, (3,)).tolist()))
+        for name in ("point_mass", "drag"):
+            table = ((int(node), number(name, value)) for node, value in getattr(self, name))
+            object.__setattr__(self, name, tuple(table))
+        for name in ("axes", "moving"):
+            object.__setattr__(self, name, tuple(int(index) for index in getattr(self, name)))
+        if self.velocity is None:
+            object.__setattr__(self, "velocity", np.zeros_like(self.nodes, dtype=float))
+        for name in ("nsh", "element", "damper", "actuator"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name in ("element", "damper", "actuator"):
+            if not getattr(self, name):
+                object.__setattr__(self, name, (None,) * len(self.strings))
+        for name in ("current", "drum_load"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(len(self.actuated)))
+        for name in ("nodes", "bar_mass", "stiffness", "damping", "rest_length", "nominal", "velocity", "current", "drum_load"):
+            self._freeze(name, float)
+        for name in ("bars", "strings"):
+            self._freeze(name, np.int64, (-1, 2))
+        self._freeze("fixed", bool)
+        shapes = {"nodes": (self.counts["N"], 3), "nominal": (self.counts["N"], 3), "velocity": (self.counts["N"], 3)}
+        shapes |= {"fixed": (self.counts["N"],), "bar_mass": (self.counts["B"],)}
+        shapes |= {name: (self.counts["S"],) for name in ("stiffness", "damping", "rest_length")}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise InputError(f"{name} has the shape {getattr(self, name).shape}; give one of shape {shape}")
+
+    def _freeze(self, name: str, dtype, shape=None):
+        try:
+            array = np.array(getattr(self, name), dtype=dtype)
+        except (TypeError, ValueError):
+            raise InputError(f"{name} = {getattr(self, name)!r} is no array of numbers; give one") from None
+        if shape is not None:
+            array = array.reshape(shape)
+        array.setflags(write=False)
+        object.__setattr__(self, name, array)
+
+    @cached_property
+    def bar_length(self) -> np.ndarray:
+        """(B,) m, from the start positions."""
+        return np.linalg.norm(self.nodes[self.bars[:, 1]] - self.nodes[self.bars[:, 0]], axis=1)
+
+    @cached_property
+    def free_nodes(self) -> np.ndarray:
+        """(F,) indices of the nodes that can move."""
+        return np.flatnonzero(~self.fixed)
+
+    @cached_property
+    def lone_nodes(self) -> np.ndarray:
+        """(L,) indices of the nodes that can move and are on no bar: point masses by themselves."""
+        return np.setdiff1d(self.free_nodes, self.bars)
+
+    @cached_property
+    def fixed_nodes(self) -> np.ndarray:
+        """(G,) indices of the nodes fixed to the ground."""
+        return np.flatnonzero(self.fixed)
+
+    @cached_property
+    def nsh_strings(self) -> tuple[int, ...]:
+        """(H,) indices of the strings that carry an NSH."""
+        return tuple(i for i, nsh in enumerate(self.nsh) if nsh is not None)
+
+    @cached_property
+    def plain_nsh_strings(self) -> tuple[int, ...]:
+        """Indices of the strings with an NSH that `nsh` can do: metastable beams without memory."""
+        return tuple(i for i in self.nsh_strings if self.nsh[i].plain)
+
+    @cached_property
+    def laws(self) -> dict[int, Element]:
+        """Per string without memory that is neither linear nor a plain NSH: its element."""
+        return {i: element for i, element in self._elements if not _remembers(element)}
+
+    @cached_property
+    def memories(self) -> dict[int, Series]:
+        """Per string with memory: its element."""
+        return {i: element for i, element in self._elements if _remembers(element)}
+
+    @property
+    def _elements(self) -> list[tuple[int, Element]]:
+        elements = [(i, self.nsh[i].element) for i in self.nsh_strings if not self.nsh[i].plain]
+        return elements + [(i, element) for i, element in enumerate(self.element) if element is not None]
+
+    @cached_property
+    def actuated(self) -> tuple[int, ...]:
+        """(A,) indices of the strings that an actuator winds."""
+        return tuple(i for i, actuator in enumerate(self.actuator) if actuator is not None)
+
+    @property
+    def g(self) -> np.ndarray:
+        """(3,) acceleration by gravity, m/s2."""
+        return np.array([0.0, 0.0, -self.gravity]) if np.ndim(self.gravity) == 0 else np.array(self.gravity, dtype=float)
+
+    @cached_property
+    def node_mass(self) -> np.ndarray:
+        """(N,) kg: half of its bar's mass, and its point mass; what gravity acts on."""
+        mass = np.zeros(len(self.nodes))
+        np.add.at(mass, self.bars.ravel(), np.repeat(0.5 * self.bar_mass, 2))
+        for node, value in self.point_mass:
+            mass[node] += value
+        return mass
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """The counts that `fields.COUNTS` names."""
+        return {
+            "D": len(self.axes),
+            "N": len(self.nodes),
+            "F": len(self.free_nodes),
+            "G": len(self.fixed_nodes),
+            "B": len(self.bars),
+            "S": len(self.strings),
+            "H": len(self.nsh_strings),
+            "Z": sum(len(self.nsh[i].Q) for i in self.nsh_strings),
+            "V": 1 if np.ndim(self.gravity) == 0 else len(self.axes),
+            "P": len(self.point_mass),
+            "R": len(self.drag),
+            "E": len(self.moving),
+            "A": len(self.actuated),
+        }
+
+
+def _remembers(element: Element) -> bool:
+    return isinstance(element, Series) and element.law == "hysteretic"

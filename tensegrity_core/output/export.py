@@ -1,0 +1,71 @@
+"""A result as a file: columns named as the FMU's outputs, or arrays named as the result's fields."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..fields import outputs
+from ..files import replacing, replacing_text
+from ..model import Model, Result
+from ..model.components import flattened, names
+
+
+def columns(model: Model, result: Result) -> dict[str, np.ndarray]:
+    """Name -> (K+1,) series, in the order and with the names of the FMU's outputs; `time` (s) comes first."""
+    found = {"time": result.times}
+    for field in outputs():
+        found.update(zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True))
+    return found
+
+
+def write_result(model: Model, result: Result, path: Path) -> None:
+    """Write a result: .csv, one row per communication point (`columns`), or .npz, one array per field of `Result` and
+    the components' names.  The file appears whole or not at all.  Raises InputError, see `require_writable`.
+    """
+    path = require_writable(path, (".csv", ".npz"))
+    if path.suffix.lower() == ".csv":
+        write_columns(columns(model, result), path)
+        return
+    arrays = _arrays(model, result)
+    with replacing(path) as file:
+        np.savez_compressed(file, **arrays)
+
+
+def write_columns(series: dict[str, np.ndarray], path: Path) -> None:
+    """Write series of equal length as a .csv file, whole or not at all.  Raises InputError where it cannot be written.
+
+    Numbers are written as their shortest text that reads back to the same value.
+    """
+    with replacing_text(path) as file:
+        file.write(",".join(series) + "\n")
+        for row in zip(*(values.tolist() for values in series.values())):
+            file.write(",".join(map(repr, row)) + "\n")
+
+
+def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:
+    arrays = {"times": result.times, **result.outputs}
+    events = [(t.time, t.string, t.before, t.after, t.loss) for t in result.transitions]
+    kinds = [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4"), ("loss", "f8")]
+    arrays["transitions"] = np.array(events, kinds)
+    for kind in ("node", "bar", "string"):
+        arrays[f"{kind}_names"] = np.array(getattr(model, f"{kind}_names"), dtype=str)
+    return arrays
+
+
+def require_writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
+    """The path, when a file of one of these kinds can be written there.  Raises InputError, naming the remedy."""
+    path = Path(path)
+    shown = f"output = {str(path)!r}"
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{shown} does not end in {' or '.join(suffixes)}; name such a file")
+    try:
+        if path.is_dir():
+            raise InputError(f"{shown} is a folder; name a file in it")
+        if not path.parent.is_dir():
+            raise InputError(f"{shown}: the folder {path.parent} does not exist; make it first")
+    except (OSError, ValueError) as failure:  # a name that is too long, a folder that cannot be looked into, a null character
+        raise InputError(f"{shown} cannot be written: {getattr(failure, 'strerror', None) or failure}; name another file") from None
+    return path

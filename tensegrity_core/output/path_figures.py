@@ -1,0 +1,112 @@
+"""Pictures of equilibrium paths: load over a coordinate.
+
+Stable states are solid, unstable ones dashed; a growing load is blue, a falling one red.  Dots are limit points, diamonds
+branch points, squares kinks and loose ends; dotted arrows show where the structure moves on by itself.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..equilibria.paths import Path
+from ..equilibria.points import Point
+from ..equilibria.steady_states import Jump, Sweep
+from .plots import new_figure
+
+UP, DOWN, BEHIND = "#1f5fa8", "#d1495b", "#6b705c"
+FINE = 12  # parts into which a path's step is drawn
+
+
+class Quantity(NamedTuple):
+    """The coordinate that a picture shows: its name, node and axis."""
+
+    name: str
+    node: int
+    axis: int
+
+    def of(self, path: Path, point: Point) -> float:
+        """m."""
+        return float(path.equations.nodes(point.free)[self.node, self.axis])
+
+    def rate(self, path: Path, point: Point) -> float:
+        """Its derivative by the arc at a point."""
+        place = path.equations.place[self.node, path.equations.model.axes.index(self.axis)]
+        return float(point.direction[place]) if place >= 0 else 0.0
+
+
+def curve(path: Path, quantity: Quantity, fine: int = FINE) -> tuple[np.ndarray, np.ndarray]:
+    """Parameter and coordinate (m) along a path: cubics through its points with its tangents, `fine` parts for each step."""
+    here = np.array([(p.parameter, quantity.of(path, p)) for p in path.points])
+    if len(here) == 1:
+        return here[:, 0], here[:, 1]
+    slope = np.array([(p.direction[-1] / path.scale, quantity.rate(path, p)) for p in path.points])
+    part, pieces = np.arange(fine)[:, None] / fine, []
+    for i, (start, end) in enumerate(zip(path.points, path.points[1:])):
+        length, chord = end.arc - start.arc, here[i + 1] - here[i]
+        first = length * slope[i]
+        # the tangent at a kink is that of the way on: a parabola leads there
+        last = 2.0 * chord - first if end.kind in ("kink", "loose") else length * slope[i + 1]
+        bend = (1.0 - part) * (first - chord) + part * (chord - last)
+        pieces.append(here[i] + part * chord + part * (1.0 - part) * bend)
+    points = np.vstack([*pieces, here[-1:]])
+    return points[:, 0], points[:, 1]
+
+
+def draw_sweep(axes: Axes, sweep: Sweep, quantity: Quantity, colour: str, label: str) -> None:
+    """The stable stretches of a slow load, and its jumps."""
+    for i, path in enumerate(sweep.stretches):
+        parameter, value = curve(path, quantity)
+        axes.plot(value, parameter, "-", color=colour, linewidth=1.8, label=label if i == 0 else None)
+    for jump in sweep.jumps:
+        _draw_jump(axes, sweep, jump, quantity, colour)
+
+
+def _draw_jump(axes: Axes, sweep: Sweep, jump: Jump, quantity: Quantity, colour: str) -> None:
+    path = sweep.stretches[0]
+    start, end = (quantity.of(path, point) for point in (jump.before, jump.after))
+    style = {"arrowstyle": "->", "color": colour, "linewidth": 0.8, "linestyle": ":", "shrinkA": 0.0, "shrinkB": 0.0}
+    axes.annotate("", (end, jump.after.parameter), (start, jump.parameter), arrowprops=style)
+    marker = "o" if jump.kind == "limit" else "D" if jump.kind == "branch" else "s"
+    axes.plot([start], [jump.parameter], marker, color=colour, markersize=4.0)
+
+
+def draw_behind(axes: Axes, paths: list[Path], quantity: Quantity) -> None:
+    """What lies behind limit and branch points: dashed where unstable, a thin line where stable."""
+    named = set()
+    for path in paths:
+        for stable, part in by_stability(path):
+            parameter, value = curve(part, quantity)
+            name = "other stable states" if stable else "unstable states"
+            label = None if name in named else name
+            axes.plot(value, parameter, "-" if stable else "--", color=BEHIND, linewidth=0.9, label=label, zorder=1.5)
+            named.add(name)
+
+
+def by_stability(path: Path) -> list[tuple[bool, Path]]:
+    """The path in parts that are stable or unstable throughout.  At a kink a point's stability is that of the way on."""
+    points = path.points
+    steps = [a.stable and (b.stable or b.kind == "kink") for a, b in zip(points, points[1:])]
+    ends = [i for i in range(1, len(steps)) if steps[i] != steps[i - 1]]
+    spans = zip([0, *ends], [*ends, len(steps)])
+    return [(steps[i], Path(path.equations, path.scale, points[i : j + 1])) for i, j in spans if j > i]
+
+
+def path_figure(name: str, sweeps: dict[str, Sweep], behind: list[Path], quantity: Quantity, load: str) -> Figure:
+    """One picture of a structure's steady states.
+
+    sweeps: label -> sweep, a growing load first; behind: see steady_states.detours; load: what the parameter is.
+    """
+    figure = new_figure(720, 540)
+    axes = figure.add_subplot()
+    for (label, sweep), colour in zip(sweeps.items(), (UP, DOWN)):
+        draw_sweep(axes, sweep, quantity, colour, label)
+    draw_behind(axes, behind, quantity)
+    axes.set(xlabel=f"{quantity.name} in m", ylabel=load, title=name)
+    axes.grid(color="0.9")
+    axes.legend(frameon=False)
+    figure.tight_layout()
+    return figure

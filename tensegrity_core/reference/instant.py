@@ -1,0 +1,256 @@
+"""The reference's equations at an instant: strings, motion, powers, energies, the bars' constraints."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from ..laws import nsh as honeycomb
+from . import motors as actuator
+from .equations import bar_force_density, damping_tension, diagonal, elastic_tension, lengths, string_motion
+from .structure import Structure
+
+
+def ground_forces(s: "Structure", Nddot, F, bars):
+    """Forces of the ground on the structure (3, n) N: at the fixed nodes, what eq. 1 lacks there under the other forces F and
+    those of the bars, B lambda C_b."""
+    return (Nddot.dot(s.M) - F - bars) * s.fixed
+
+
+class Load(NamedTuple):
+    """Inputs of one step: force (3, n) N; rest_length (S,) m at `since` (s), moving with rest_length_rate (S,) m/s (of a
+    string with an actuator: its start rest length, and 0); current (A,) A; position, velocity and acceleration (3, E) of
+    the moved nodes at `since`, m, m/s, m/s2; drum_load (A,) N, beside the tension of the string."""
+
+    since: float
+    force: np.ndarray
+    rest_length: np.ndarray
+    rest_length_rate: np.ndarray
+    current: np.ndarray = np.zeros(0)
+    position: np.ndarray = np.zeros((3, 0))
+    velocity: np.ndarray = np.zeros((3, 0))
+    acceleration: np.ndarray = np.zeros((3, 0))
+    drum_load: np.ndarray | float = 0.0
+
+
+#: Angles delta (rad) and speeds delta' (rad/s) of the actuators, (2, A), of a structure without actuators.
+NO_WINDING = np.zeros((2, 0))
+
+
+class Mode(NamedTuple):
+    """Per string: the piece of the force curve that it follows; whether its tension is clipped at zero; the
+    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.
+
+    branches: the branch of each string with memory, whose piece is 0 where it is slack and else one more than the number of
+    its snapped parts; k, d (S,), curves and damper_curves: the forces, see `elastic_tension` and `damping_tension`."""
+
+    piece: np.ndarray
+    clipped: np.ndarray
+    taut: np.ndarray
+    pulls: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    branches: dict
+    k: np.ndarray
+    d: np.ndarray
+    curves: tuple
+    damper_curves: tuple
+
+
+class Strings(NamedTuple):
+    """Per string at one instant: S (3, S), xi, stretch xi - xi0, its rate, elastic tension, tension before clipping,
+    tension; m, m/s, N."""
+
+    S: np.ndarray
+    xi: np.ndarray
+    stretch: np.ndarray
+    rate: np.ndarray
+    elastic: np.ndarray
+    unclipped: np.ndarray
+    tension: np.ndarray
+
+
+class Motion(NamedTuple):
+    """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces F on the nodes but the bars' and the
+    ground's (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
+
+    strings: Strings
+    lam: np.ndarray
+    Nddot: np.ndarray
+    F: np.ndarray
+    ground: np.ndarray | None
+    winding: np.ndarray
+
+
+def rest_lengths(s: Structure, load: Load, t: float, winding):
+    """xi0 and its rate (S,), m, m/s: those of the inputs, and xi0(0) - r delta where an actuator winds."""
+    xi0, rate = load.rest_length + load.rest_length_rate * (t - load.since), load.rest_length_rate
+    if len(s.motors.strings):
+        wound = np.zeros((2, len(xi0)))
+        wound[:, s.motors.strings] = s.motors.radius * winding
+        xi0, rate = xi0 - wound[0], rate - wound[1]
+    return xi0, rate
+
+
+def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Strings:
+    """Kinematics and tensions of all strings under the pieces that `mode` holds."""
+    return _strings(s, load, mode, t, *string_motion(N, Ndot, s.C_s), winding)
+
+
+def _strings(s: Structure, load: Load, mode: Mode, t: float, S, xi, xi_rate, winding) -> Strings:
+    xi0, xi0_rate = rest_lengths(s, load, t, winding)
+    stretch = xi - xi0
+    rate = xi_rate - xi0_rate
+    elastic = elastic_tension(stretch, mode.k, mode.curves)
+    unclipped = elastic + damping_tension(rate, mode.d, mode.damper_curves)
+    return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
+
+
+def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True) -> Motion:
+    """Equation 1 and equation 8 at one instant.  ground: also the forces of the ground, for which moved nodes ask anyway."""
+    m = len(s.C_s)
+    members, rates = N.dot(s.C), Ndot.dot(s.C)    # [S B], [Sdot Bdot]
+    S, B = members[:, :m], members[:, m:]
+    squares = diagonal(members, members)
+    xi = lengths(squares[:m])
+    strings = _strings(s, load, mode, t, S, xi, diagonal(S, rates[:, :m]) / xi, winding)
+    F = load.force + s.weight - (S * (strings.tension / xi)).dot(s.C_s)
+    if len(s.dragged):
+        F -= s.drag * Ndot
+    free, moved = F, len(s.moved.nodes) > 0
+    if moved:    # the columns of eq. 1 at the free nodes hold the accelerations of the others, too
+        given = load.acceleration.dot(s.moved.select)
+        free = F - given.dot(s.M)
+    lam = bar_force_density(B, rates[:, m:], squares[m:], free, s.J, s.arms)
+    if moved:
+        lam -= s.J * diagonal(B, given.dot(s.C_b.T)) / squares[m:]
+    Nddot = free.dot(s.M_inv) + (B * lam).dot(s.C_b_M_inv)
+    if moved:
+        Nddot += given
+    forces = ground_forces(s, Nddot, F, (B * lam).dot(s.C_b)) if ground or moved else None
+    return Motion(strings, lam, Nddot, F, forces, motor_acceleration(s, load, strings, winding))
+
+
+def motor_acceleration(s: Structure, load: Load, strings: Strings, winding):
+    """delta'' (A,) of eq. 8 under the tensions of the strings."""
+    if not len(s.motors.strings):
+        return winding[1]
+    return actuator.acceleration(s.motors, load.current, strings.tension[s.motors.strings] + load.drum_load, winding[1])
+
+
+def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -> tuple[float, float, float]:
+    """Input power, dissipated power, and the sum of the absolute values of their terms, W.
+
+    A term of the input per node's force, string's moving rest length, moved node's reaction, and motor's current; of the
+    loss per string's damper, node's drag, and motor's damping.
+    """
+    strings = motion.strings
+    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate))
+    lost = (strings.tension - strings.elastic) * strings.rate
+    if len(s.moved.nodes):
+        put_in = np.concatenate((put_in, diagonal(motion.ground, Ndot)[s.moved.nodes]))
+    if len(s.dragged):
+        lost = np.concatenate((lost, (s.drag * diagonal(Ndot, Ndot))[s.dragged]))
+    if len(s.motors.strings):
+        pulled_out = -s.motors.radius * winding[1] * load.drum_load
+        put_in = np.concatenate((put_in, actuator.input_power(s.motors, load.current, winding[1]), pulled_out))
+        lost = np.concatenate((lost, actuator.lost_power(s.motors, winding[1])))
+    total = np.add.reduce
+    return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
+
+
+def elastic_energy(s: Structure, stretch, branches: dict | None = None) -> float:
+    """Energy stored in the strings, J.  branches: string -> Branch of those with memory."""
+    k, carriers, elements = s.model.stiffness, dict(s.honeycombs), dict(s.elements)
+
+    def stored(j, x):
+        if j in carriers:
+            return honeycomb.energy(carriers[j], x, k[j])
+        if j in elements:
+            return elements[j].energy(x, k[j])
+        return branches[j].energy(x) if branches and j in branches else 0.5 * k[j] * max(x, 0.0) ** 2
+
+    return sum(stored(j, x) for j, x in enumerate(stretch.tolist()))
+
+
+def kinetic_energy(s: Structure, Ndot, winding=NO_WINDING) -> float:
+    """Kinetic energy of bars, point masses and motors, J."""
+    return 0.5 * np.trace(Ndot @ s.M @ Ndot.T) + actuator.kinetic_energy(s.motors, winding[1])
+
+
+def potential_energy(s: Structure, N) -> float:
+    """Potential energy by gravity, J."""
+    return -np.sum(s.weight * N)
+
+
+def on_constraints(s: Structure, N, Ndot):
+    """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only."""
+    B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
+    l2 = diagonal(B, B)
+    stretch = s.model.bar_length / np.sqrt(l2) - 1.0
+    along = diagonal(B, Bdot) / l2
+    # The velocity's projection is unchanged by the position's, which keeps the bar's direction.
+    return N + (B * stretch).dot(s.arms), Ndot - (B * along).dot(s.arms)
+
+
+def drift(s: Structure, N, Ndot) -> float:
+    """Largest relative deviation of bar lengths; of b . bdot / l^2, in 1/s, or relative to velocities above 1 m/s."""
+    B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
+    l2 = s.model.bar_length ** 2
+    speed = max(1.0, np.abs(Ndot).max())
+    deviations = np.abs(diagonal(B, B) / l2 - 1.0) / 2.0, np.abs(diagonal(B, Bdot)) / (l2 * speed)
+    return float(np.concatenate(deviations).max(initial=0.0))
+
+
+def fastest_rate(s: Structure) -> float:
+    """Upper bound on how fast dampers and drag slow nodes and motors down, 1/s: largest eigenvalue of D M^-1, with
+    D = C_s^T d C_s + drag; and d_a / J_a.  A damper between a node and a motor counts twice at both:
+    d (xi' + r delta')^2 <= 2 d xi'^2 + 2 d (r delta')^2."""
+    d, motors = s.model.damping.copy(), s.motors
+    for j, law in s.dampers:
+        d[j] = max(law.slope(rate) for rate in (0.0, 1.0, *law.kinks))    # a bound for rates up to 1 m/s
+    d[motors.strings] *= 2.0
+    damping = (s.C_s.T * d) @ s.C_s + np.diag(s.drag)
+    of_motors = (motors.damping + motors.radius ** 2 * d[motors.strings]) / motors.inertia
+    return float(max(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0), of_motors.max(initial=0.0)))
+
+
+def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None) -> Mode:
+    """A mode from its pieces and clips.  branches: string -> Branch of those with memory, whose pieces follow from it; without,
+    they are slack."""
+    branches = s.slack if branches is None else branches
+    if branches:
+        piece = piece.copy()
+        piece[list(branches)] = [branch.snapped + 1 if branch.taut else 0 for branch in branches.values()]
+        clipped = clipped & (piece > 0)
+    lower, upper = np.full(len(piece), -np.inf), np.full(len(piece), np.inf)
+    for j, (p, ends) in enumerate(zip(piece.tolist(), s.breakpoints)):
+        if p > 0 and ends:
+            lower[j] = ends[p - 1]
+        if p < len(ends):
+            upper[j] = ends[p]
+    for j, branch in branches.items():
+        lower[j], upper[j] = branch.lower, branch.upper
+    taut, k = (piece > 0).astype(float), s.model.stiffness
+    curves = [(j, honeycomb.piece_force(nsh, piece.item(j), k.item(j))) for j, nsh in s.honeycombs]
+    curves += [(j, partial(law.force_on_piece, piece.item(j), k=k.item(j))) for j, law in s.elements]
+    curves += [(j, branch.force) for j, branch in branches.items()]
+    damper_curves = tuple((j, law.force) for j, law in s.dampers if piece[j] > 0)
+    d = s.model.damping * taut
+    d[[j for j, _ in s.dampers]] = 0.0
+    return Mode(piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, tuple(curves),
+                damper_curves)
+
+
+def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:
+    """(3, S) how far each string is from the lower end of its piece, from the upper end (m), and from being clipped or
+    released (N); a transition is due where a gap becomes negative."""
+    found = np.full((3, len(mode.piece)), np.inf)
+    found[0] = strings.stretch - mode.lower
+    found[1] = mode.upper - strings.stretch
+    if s.model.damping_law == "tension_only":
+        sign = np.where(mode.clipped, -1.0, 1.0)
+        found[2] = np.where(mode.piece > 0, sign * strings.unclipped, np.inf)
+    return found

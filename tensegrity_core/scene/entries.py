@@ -1,0 +1,308 @@
+"""The tables of a scene file: their keys, and what each value may be."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, Strict, StringConstraints, Tag
+from pydantic_core import PydanticCustomError
+
+from ..errors import SceneError
+from ..model import elements
+from . import files as scene_files
+from .files import IDENTIFIER, lookup, place_of
+
+#: Axes that a scene uses -> their places among x, y, z.
+PLANES = {None: (0, 1, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+LONGEST_NAME = 128  # letters
+MOST_BEAMS = 60  # of an NSH without memory
+
+Name = Annotated[str, StringConstraints(pattern=IDENTIFIER, max_length=LONGEST_NAME)]
+#: One line of what XML 1.0 can hold, since a scene's texts go into an FMU's model description.
+Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0A-\x1F\uFFFE\uFFFF]*$", max_length=10_000)]
+
+
+def _between(low: float, high: float, *more):
+    return Annotated[float, Field(ge=low, le=high, allow_inf_nan=False), *more]
+
+
+def _not_tiny(least: float) -> AfterValidator:
+    """Sizes below this are refused but for 0: nothing would be left of their squares and cubes."""
+
+    def check(value: float) -> float:
+        if 0.0 < abs(value) < least:
+            raise PydanticCustomError("tiny", "is closer to 0 than {least} without being 0", {"least": least})
+        return value
+
+    return AfterValidator(check)
+
+
+# What no structure has is refused here, so that squares, cubes and ratios of what is left are numbers.  SI units.
+Coordinate = _between(-1e6, 1e6)
+Positive = _between(1e-15, 1e15)
+NotNegative = _between(0.0, 1e15, _not_tiny(1e-15))
+Component = _between(-1e9, 1e9)
+ForceScale = _between(*elements.BEAM_RANGES["Q"])
+Shape = _between(*elements.BEAM_RANGES["zeta"])
+Length = _between(*elements.BEAM_RANGES["h"])
+RestLength = _between(0.0, 1e7)
+Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
+Ends = Annotated[tuple[str, str], Strict(False)]
+Scales = Annotated[tuple[ForceScale, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
+Zetas = Annotated[tuple[Shape, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
+Heights = Annotated[tuple[Length, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
+#: A number or a vector; the tags tell pydantic which of the two to check, and stand in the places of its findings.
+Gravity = Annotated[
+    Annotated[_between(0.0, 1e9), Tag("[number]")]
+    | Annotated[tuple[Component, Component, Component], Strict(False), Tag("[vector]")],
+    Discriminator(lambda value: "[vector]" if isinstance(value, (list, tuple)) else "[number]"),
+]
+Coefficients = Annotated[tuple[_between(-1e15, 1e15, _not_tiny(1e-15)), ...], Strict(False), Field(min_length=1, max_length=7)]
+Abscissas = Annotated[tuple[_between(0.0, 1e6, _not_tiny(1e-12)), ...], Strict(False), Field(min_length=2)]
+Forces = Annotated[tuple[_between(-1e12, 1e12, _not_tiny(1e-15)), ...], Strict(False), Field(min_length=2)]
+Names = Annotated[tuple[str, ...], Strict(False), Field(min_length=1)]
+SeriesLaw = Literal["single_valued", "hysteretic"]
+Shapes = Literal["metastable", "any"]
+Interpolation = Literal["linear", "cubic"]
+
+
+class Entry(BaseModel):
+    """A table of the scene file: no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, title=None)
+
+
+class Material(Entry):
+    """What strings are made of."""
+
+    stiffness: Positive = Field(description="stiffness k in N/m, a number greater than 0")
+    damping: NotNegative = Field(0.0, description="damping d in N s/m, 0 or more")
+
+
+class Honeycomb(Entry):
+    """A negative stiffness honeycomb (NSH): curved beams in series, eq. 11; one value per beam in each list."""
+
+    Q: Scales = Field(description="force scale of each beam in N, a list of numbers greater than 0")
+    zeta: Zetas = Field(description="shape parameter of each beam, a list of numbers between 2 and 8 (metastable)")
+    h: Heights = Field(description="arch height of each beam in m, a list of numbers greater than 0")
+    law: SeriesLaw = Field(
+        "single_valued",
+        description='"single_valued" (one force per elongation, Algorithm 1) or "hysteretic" (beams with memory: they snap '
+        "where they lose stability, and each snap loses energy)",
+    )
+    beams: Shapes = Field(
+        "metastable",
+        description='"metastable" (2 < zeta < 8) or "any" (monotone beams too; bistable ones where the law is "hysteretic")',
+    )
+
+
+class Element(Entry):
+    """A force law of strings, and what it is made of; which keys belong to it depends on its kind."""
+
+    kind: Literal["spring", "beam", "polynomial", "table", "series", "parallel"] = Field(
+        description='"spring", "beam", "polynomial", "table", "series" or "parallel"'
+    )
+    stiffness: Positive | None = Field(None, description="of a spring: its stiffness in N/m, greater than 0")
+    Q: ForceScale | None = Field(None, description="of a beam: its force scale in N, greater than 0")
+    zeta: Shape | None = Field(None, description="of a beam: its shape parameter, between 2 and 8 (metastable)")
+    h: Length | None = Field(None, description="of a beam: its arch height in m, greater than 0")
+    beams: Shapes | None = Field(None, description='of a beam: "metastable" (2 < zeta < 8, the default) or "any"')
+    coefficients: Coefficients | None = Field(
+        None, description="of a polynomial: 1 to 7 coefficients of x, x^2, ... in N/m, N/m2, ..."
+    )
+    elongation: Abscissas | None = Field(None, description="of a table: elongations in m, increasing from 0, at least two")
+    force: Forces | None = Field(None, description="of a table: the force in N at each elongation, the first 0")
+    interpolation: Interpolation | None = Field(
+        None, description='of a table: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
+    )
+    parts: Names | None = Field(None, description="of a series or parallel: names of its parts, at least one; names may repeat")
+    law: SeriesLaw | None = Field(
+        None, description='of a series: "single_valued" (the default) or "hysteretic" (with memory; not as a part of another)'
+    )
+
+
+class Damper(Entry):
+    """A damper whose force is not proportional to the rate of elongation: by coefficients, or by points."""
+
+    coefficients: Coefficients | None = Field(
+        None, description="1 to 7 coefficients of v, v^2, ... in N s/m, N s2/m2, ..., v the size of the rate of elongation"
+    )
+    rate: Abscissas | None = Field(None, description="rates of elongation in m/s, increasing from 0, at least two")
+    force: Forces | None = Field(None, description="the force in N at each rate, the first 0")
+    interpolation: Interpolation | None = Field(
+        None, description='between points: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
+    )
+
+
+class Actuator(Entry):
+    """A motor with a drum that winds a string in, eq. 8."""
+
+    inertia: Positive = Field(description="moment of inertia J_a of motor and drum in kg m2, greater than 0")
+    damping: NotNegative = Field(0.0, description="damping d_a of the motor in N m s, 0 or more")
+    torque_constant: Positive = Field(description="torque per current k_a in N m/A, greater than 0")
+    radius: Length = Field(description="radius r of the drum in m, greater than 0 (1 for a linear motor)")
+
+
+class Bar(Entry):
+    """A rigid thin bar."""
+
+    nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n5"]')
+    mass: Positive = Field(description="mass in kg, a number greater than 0")
+
+
+class String(Entry):
+    """A massless string, tension only."""
+
+    nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n4"]')
+    material: str | None = Field(None, description="name of one of the [materials]")
+    stiffness: Positive | None = Field(
+        None, description="stiffness k in N/m, greater than 0, instead of the material's"
+    )
+    damping: NotNegative | None = Field(None, description="damping d in N s/m, 0 or more, instead of the material's")
+    nsh: str | None = Field(
+        None,
+        description="name of one of the [nsh]: its force curve replaces the stiffness, "
+        "which acts once it has bottomed out",
+    )
+    actuator: str | None = Field(None, description="name of one of the [actuators]: it winds the string in")
+    element: str | None = Field(None, description="name of one of the [elements]: the string's force law, instead of an nsh")
+    damper: str | None = Field(None, description="name of one of the [dampers], instead of a damping")
+
+
+class Prestress(Entry):
+    """What is known of the strings at the given coordinates; the equilibrium gives the rest."""
+
+    tension: dict[str, NotNegative] = Field(
+        default_factory=dict, description="string name = tension in N at the given coordinates, 0 or more"
+    )
+    rest_length: dict[str, RestLength] = Field(
+        default_factory=dict, description="string name = rest length in m, 0 or more"
+    )
+
+
+class Scene(Entry):
+    """A checked scene.  Fields are the keys of the file; treat it and what it holds as read-only.
+
+    Make one with `load_scene` or `parse_scene`: they run the checks that need more than one key.
+    """
+
+    name: Name = Field(description="name of the scene, an identifier; without it the file's name")
+    description: Text = Field("", description="one line for humans, without control characters")
+    source: Text = Field("", description="where the numbers come from, one line without control characters")
+    gravity: Gravity = Field(9.81, description="gravity in m/s2: a number, 0 or more, towards -z, or a vector [x, y, z]")
+    plane: Literal["xz", "yz", "xy"] | None = Field(
+        None, description='"xz", "yz" or "xy" for a planar scene, whose nodes have two coordinates'
+    )
+    damping_law: Literal["literal", "tension_only"] = Field(
+        "literal", description='"literal" (the damper may push while a string shortens) or "tension_only"'
+    )
+    start: Literal["equilibrium", "settled", "released"] = Field(
+        "equilibrium",
+        description='"equilibrium" (the given coordinates must balance), "settled" (the stable equilibrium near them) '
+        'or "released" (at rest there, balanced or not)',
+    )
+    fixed: Annotated[tuple[str, ...], Strict(False)] = Field((), description="names of the nodes fixed to the ground")
+    moving: Annotated[tuple[str, ...], Strict(False)] = Field(
+        (), description="names of the fixed nodes whose motion is an input"
+    )
+    nodes: dict[Name, Point] = Field(description="node name = [x, y, z] in m (two coordinates in a planar scene)")
+    materials: dict[Name, Material] = Field(default_factory=dict, description="materials of strings by name")
+    nsh: dict[Name, Honeycomb] = Field(default_factory=dict, description="NSHs by name")
+    actuators: dict[Name, Actuator] = Field(default_factory=dict, description="actuators of strings by name")
+    elements: dict[Name, Element] = Field(default_factory=dict, description="force laws of strings, and their parts, by name")
+    dampers: dict[Name, Damper] = Field(default_factory=dict, description="dampers that are not linear, by name")
+    bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
+    strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
+    point_masses: dict[str, NotNegative] = Field(
+        default_factory=dict, description="node name = mass in kg that the node carries beside its bar's, 0 or more; greater than 0 for a free node on no bar"
+    )
+    drag: dict[str, NotNegative] = Field(
+        default_factory=dict, description="free node's name = drag coefficient in N s/m, force per velocity, 0 or more"
+    )
+    prestress: Prestress = Field(
+        default_factory=Prestress, description="what is known of the strings at the given coordinates"
+    )
+
+    _file: str = PrivateAttr("")
+    _raw: dict = PrivateAttr(default_factory=dict)
+    _origin: dict = PrivateAttr(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """Path of the file that was loaded."""
+        return self._file
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Coordinate axes in use: (0, 1, 2), or two of them in a planar scene."""
+        return PLANES[self.plane]
+
+    def position(self, node: str) -> tuple[float, float, float]:
+        """Given coordinates (x, y, z) of a node, m."""
+        point = [0.0, 0.0, 0.0]
+        for axis, value in zip(self.axes, self.nodes[node]):
+            point[axis] = value
+        return tuple(point)
+
+    def distance(self, ends: tuple[str, str]) -> float:
+        """Distance of two nodes at the given coordinates, m."""
+        return math.dist(self.position(ends[0]), self.position(ends[1]))
+
+    def stiffness(self, string: str) -> float | None:
+        """k of a string, its own or its material's, N/m; None: neither is given."""
+        own = self.strings[string].stiffness
+        return own if own is not None or not self.strings[string].material else self._material(string).stiffness
+
+    def damping(self, string: str) -> float:
+        """d of a string, its own or its material's, N s/m; 0 where it has a damper."""
+        if self.strings[string].damper is not None:
+            return 0.0
+        own = self.strings[string].damping
+        if own is not None:
+            return own
+        return self._material(string).damping if self.strings[string].material else 0.0
+
+    def element(self, name: str) -> elements.Element:
+        """The force law of this name, with its parts in place of their names."""
+        entry = self.elements[name]
+        if entry.kind == "spring":
+            return elements.Spring(entry.stiffness)
+        if entry.kind == "beam":
+            return elements.Beam(entry.Q, entry.zeta, entry.h)
+        if entry.kind == "polynomial":
+            return elements.Polynomial(entry.coefficients)
+        if entry.kind == "table":
+            return elements.Table(entry.elongation, entry.force, entry.interpolation or "linear")
+        parts = tuple(self.element(part) for part in entry.parts)
+        grouped = elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
+        return elements.simplified(grouped)
+
+    def damper(self, name: str) -> elements.Damper:
+        """The damper of this name."""
+        entry = self.dampers[name]
+        if entry.coefficients is not None:
+            return elements.Polynomial(entry.coefficients)
+        return elements.Table(entry.rate, entry.force, entry.interpolation or "linear")
+
+    def needs_stiffness(self, string: str) -> bool:
+        """Whether the string's own stiffness acts: not where an element without end or memory replaces it."""
+        name = self.strings[string].element
+        return name is None or self.elements[name].law == "hysteretic" or self._ends(name)
+
+    def _ends(self, name: str) -> bool:
+        """Whether an element has a stop: a beam, a parallel of which one part has, a series of which all parts have."""
+        entry = self.elements[name]
+        if entry.kind in ("series", "parallel"):
+            ends = [self._ends(part) for part in entry.parts]
+            return all(ends) if entry.kind == "series" else any(ends)
+        return entry.kind == "beam"
+
+    def _material(self, string: str) -> Material:
+        return self.materials[self.strings[string].material]
+
+    def error(self, key: str, problem: str, remedy: str, value: Any = None) -> SceneError:
+        """The error for a key of this scene: fills in the file that holds the key, and its value."""
+        place = place_of(key)
+        shown = lookup(self._raw, place) if value is None else value
+        return scene_files.error(self._file, self._origin, place, shown, problem, remedy)

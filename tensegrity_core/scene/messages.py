@@ -1,0 +1,105 @@
+"""What is said of a mistake in a scene file: key, value and remedy."""
+
+from __future__ import annotations
+
+import difflib
+from itertools import islice
+from typing import Any, Iterator
+
+from pydantic import ValidationError
+
+from ..errors import SceneError
+from . import files as scene_files
+from .entries import LONGEST_NAME, Actuator, Bar, Damper, Element, Entry, Honeycomb, Material, Prestress, Scene, String
+from .files import lookup
+
+
+def translated(failure: ValidationError, raw: dict, origin: dict, file: str) -> SceneError:
+    """The first of pydantic's findings in our own words; unknown keys come first, since a misspelt key is missing, too."""
+    findings = failure.errors(include_url=False)
+    finding = next((one for one in findings if one["type"] == "extra_forbidden"), findings[0])
+    place, kind = tuple(part for part in finding["loc"] if part != "[key]"), finding["type"]
+    if place[0] == "gravity":
+        place = tuple(part for part in place if part not in ("[number]", "[vector]"))
+    is_key = finding["loc"][-1] == "[key]"
+    owner, field = _described(place)
+    value = place[-1] if is_key else lookup(raw, place)
+    if is_key and kind == "string_too_long":
+        problem, remedy = _problem(kind, finding, value), "Choose a shorter name."
+    elif is_key:
+        problem, remedy = "is not an identifier", "Start with an ASCII letter; go on with letters, digits and _."
+    elif kind == "extra_forbidden":
+        problem = "is not a key of a scene file"
+        close = _close(str(place[-1]), owner.model_fields)
+        hint = f"Did you mean {close[0]}? " if close else ""
+        remedy = f"{hint}Keys here: {', '.join(owner.model_fields)}."
+    else:
+        problem = _problem(kind, finding, value)
+        remedy = f"Give {field.description}."
+    if kind == "missing" and isinstance(place[-1], int):  # a pair with one end
+        place = place[:-1]
+        value, problem = lookup(raw, place), "has too few entries"
+    return scene_files.error(file, origin, place, value, problem, remedy)
+
+
+def _problem(kind: str, finding: dict, value: Any) -> str:
+    context = finding.get("ctx", {})
+    if kind == "greater_than_equal" and context["ge"] > 0.0 >= value:
+        return "is not greater than 0"
+    known = {
+        "missing": "is missing",
+        "finite_number": "is not a finite number",
+        "float_type": "is not a number",
+        "string_type": "is not a text",
+        "tuple_type": "is not a list",
+        "dict_type": "is not a table",
+        "model_type": "is not a table",
+        "greater_than": "is not greater than {gt}",
+        "greater_than_equal": "is less than {ge}",
+        "less_than_equal": "is greater than {le}",
+        "too_short": "has too few entries",
+        "too_long": "has too many entries",
+        "literal_error": "is not one of {expected}",
+        "string_too_long": "has more than {max_length} letters",
+        "string_pattern_mismatch": "has a form that is not allowed",
+    }
+    return known[kind].format(**context) if kind in known else finding["msg"]
+
+
+def _described(place: tuple) -> tuple[type[Entry], Any]:
+    """The table that holds a place, and the field whose description says what belongs there."""
+    owner, field = Scene, None
+    tables = {"materials": Material, "nsh": Honeycomb, "elements": Element, "dampers": Damper, "actuators": Actuator}
+    tables |= {"bars": Bar, "strings": String}
+    for depth, part in enumerate(place):
+        if isinstance(part, str) and part in owner.model_fields:
+            field = owner.model_fields[part]
+        if depth == 0 and part == "prestress":
+            owner = Prestress if len(place) > 1 else owner
+        elif depth == 1 and place[0] in tables:
+            owner = tables[place[0]] if len(place) > 2 else owner
+    return owner, field
+
+
+def twice(scene: Scene, key: str, names: tuple[str, ...]) -> Iterator[SceneError]:
+    seen: set[str] = set()
+    for at, name in enumerate(names, 1):
+        if name in seen:
+            yield scene.error(f"{key}[{at}]", "is listed twice", "Remove one of the two.")
+        seen.add(name)
+
+
+def choose(wanted: str, names) -> str:
+    close = _close(wanted, names)
+    if close:
+        return f"Did you mean {close[0]}?"
+    listed = list(islice(names, 13))
+    shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
+    return f"Choose from: {shown}." if listed else "There is none yet: add it."
+
+
+def _close(wanted: str, names) -> list[str]:
+    """The name that is most like a wanted one, if any is; not looked for where that would take long."""
+    if len(wanted) > LONGEST_NAME or len(names) > 5000:
+        return []
+    return difflib.get_close_matches(wanted, list(names), 1)

@@ -1,0 +1,46 @@
+"""From a scene to a model: prestress, rest lengths, settling, states of self-stress, stability."""
+
+from __future__ import annotations
+
+from .analysis import analyse, rigid_body_motions, rigid_fields
+from .forces import equilibrium_matrix, loads, member_forces, members, places, residual, unbalanced
+from .matrices import TooLarge, dense, free_rows, freedoms, lengths_between, require_small
+from .settling import NoEquilibrium, descend, settle
+from .start import build_model
+from .strings import string_branches, string_elongation, string_energy, string_tension
+from .surface import NEUTRAL, Modes, Surface, SurfacePoint, is_stable, stability, step_limit, tangent_stiffness
+
+__all__ = [
+    "NEUTRAL",
+    "Modes",
+    "NoEquilibrium",
+    "Surface",
+    "SurfacePoint",
+    "TooLarge",
+    "analyse",
+    "build_model",
+    "dense",
+    "descend",
+    "equilibrium_matrix",
+    "free_rows",
+    "freedoms",
+    "is_stable",
+    "lengths_between",
+    "loads",
+    "member_forces",
+    "members",
+    "places",
+    "require_small",
+    "residual",
+    "rigid_body_motions",
+    "rigid_fields",
+    "settle",
+    "stability",
+    "step_limit",
+    "string_branches",
+    "string_elongation",
+    "string_energy",
+    "string_tension",
+    "tangent_stiffness",
+    "unbalanced",
+]

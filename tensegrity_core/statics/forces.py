@@ -1,0 +1,117 @@
+"""Statics: prestress, equilibrium, its stability, and the model that starts there.
+
+Members are numbered strings first, then bars.  A member's force is positive in tension.  Gravity acts as m g/2 at each
+bar node, and on point masses.  Degrees of freedom are the free nodes' coordinates along the axes that the scene uses,
+node by node.  Actuators hold their strings' rest lengths.
+
+Equilibria are minima of the potential energy V(x) = strings + gravity - external forces over the positions that keep
+every bar's length.  `descend` follows the overdamped gradient flow x' = -grad V on that surface, so it ends in the
+minimum whose basin holds the start.
+
+Forces, equilibrium and settling cost time and memory in proportion to the structure: matrices are sparse beyond SMALL.
+What needs all singular values or eigenvalues is for structures up to WHOLE.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Model
+from .matrices import Entries, free_rows, freedoms, lengths_between, require_small
+from .strings import string_tension
+
+BALANCED = 1e-10  # N: a start counts as balanced below this
+EPS = float(np.finfo(float).eps)
+
+
+def loads(model: Model, force=None) -> np.ndarray:
+    """(N, 3) N: gravity on bars and point masses, at the nodes, plus external forces (N, 3)."""
+    load = np.zeros((len(model.nodes), 3)) if force is None else np.array(force, dtype=float)
+    return load + model.node_mass[:, None] * model.g
+
+
+def members(model: Model) -> np.ndarray:
+    """(S+B, 2) nodes at the ends of all members, strings first."""
+    return np.vstack([model.strings, model.bars])
+
+
+def equilibrium_matrix(model: Model) -> np.ndarray:
+    """(F*D, S+B): forces on the free nodes from a unit tension in each member, at the model's start.
+
+    With member forces t and loads p (at the same rows) equilibrium reads A t + p = 0.  Pellegrino and Calladine,
+    "Matrix analysis of statically and kinematically indeterminate frameworks", 1986.
+    Raises TooLarge: the matrix is dense.
+    """
+    require_small(model, "the equilibrium matrix")
+    found = _equilibrium(model)
+    matrix = np.zeros((freedoms(model), len(model.strings) + len(model.bars)), order="F")
+    matrix[found.rows, found.columns] += found.values  # adds, so that no zero has a sign
+    return matrix
+
+
+def _equilibrium(model: Model) -> Entries:
+    """The equilibrium matrix, sparse."""
+    ends, place = members(model), places(model)
+    along = model.nodes[ends[:, 1]] - model.nodes[ends[:, 0]]
+    unit = (along / np.linalg.norm(along, axis=1)[:, None])[:, model.axes]
+    rows = np.stack([place[ends[:, 0]], place[ends[:, 1]]]).ravel()
+    columns = np.broadcast_to(np.arange(len(ends))[:, None], (2, *unit.shape)).ravel()
+    order = np.lexsort((rows, columns))
+    order = order[rows[order] >= 0]
+    return Entries(rows[order], columns[order], np.stack([unit, -unit]).ravel()[order], freedoms(model))
+
+
+def places(model: Model) -> np.ndarray:
+    """(N, D) int: the degree of freedom of each node along each axis, -1 where it is fixed."""
+    place = np.full((len(model.nodes), len(model.axes)), -1)
+    place[model.free_nodes] = np.arange(freedoms(model)).reshape(-1, len(model.axes))
+    return place
+
+
+def member_forces(model: Model, force=None) -> np.ndarray:
+    """(S+B,) N at the model's start: the strings' elastic tensions, then the bar forces that balance best."""
+    string_force = string_tension(model, lengths_between(model.nodes, model.strings))
+    matrix, count, bars = _equilibrium(model), len(model.strings), len(model.bars)
+    rest = free_rows(model, loads(model, force)) + matrix.forces(np.concatenate([string_force, np.zeros(bars)]))
+    # least squares, bar by bar: their columns are orthogonal, as no two bars share a node
+    bar_force = -matrix.along(rest, count + bars) / np.maximum(matrix.squares(count + bars), 1e-300)
+    return np.concatenate([string_force, bar_force[count:]])
+
+
+def residual(model: Model, force=None) -> np.ndarray:
+    """(F, D) N: unbalanced force on each free node at the model's start, bar forces chosen to balance best."""
+    unbalanced = _equilibrium(model).forces(member_forces(model, force)) + free_rows(model, loads(model, force))
+    return unbalanced.reshape(-1, len(model.axes))
+
+
+class Unbalanced(NamedTuple):
+    """force: N, the largest unbalanced force on a free node at the start; node: its number, -1 where no node is free;
+    equilibrium: whether it is round-off."""
+
+    force: float
+    node: int
+    equilibrium: bool
+
+
+def unbalanced(model: Model, force=None) -> Unbalanced:
+    """Whether the model's start is an equilibrium under external forces (N, 3), N, and how far it is from one."""
+    size = np.linalg.norm(residual(model, force), axis=1)
+    if not len(size):
+        return Unbalanced(0.0, -1, True)
+    worst, largest = int(np.argmax(size)), np.abs(member_forces(model, force)).max(initial=0.0)
+    small = max(10.0 * round_off(model), 1e-9 * float(largest))
+    return Unbalanced(float(size[worst]), int(model.free_nodes[worst]), bool(size[worst] <= small))
+
+
+def round_off(model: Model) -> float:
+    """N: what round-off in the coordinates can leave unbalanced; BALANCED unless members are very stiff or loaded."""
+    forces = np.abs(member_forces(model))
+    return max(BALANCED, 16.0 * EPS * (coordinate_force(model) + float(np.max(forces, initial=0.0))))
+
+
+def coordinate_force(model: Model) -> float:
+    """N: the largest of stiffness times length, or times coordinate; a round-off in coordinates makes EPS of it."""
+    reach = np.maximum(lengths_between(model.nodes, model.strings), float(np.abs(model.nodes).max()))
+    return float(np.max(model.stiffness * reach, initial=0.0))

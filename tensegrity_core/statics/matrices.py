@@ -1,0 +1,87 @@
+"""What statics solves with: freedoms of the nodes, bar and string lengths, dense and sparse matrices, null spaces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from ..errors import TensegrityError
+from ..model import Model
+
+RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero
+WHOLE = 2000  # degrees of freedom, or members, up to which singular values and eigenvalues are computed
+
+
+class TooLarge(TensegrityError):
+    """An analysis by dense matrices was asked for a structure beyond WHOLE."""
+
+
+class Entries(NamedTuple):
+    """The equilibrium matrix by its entries, column by column; rows, columns, values: (E,); size: of rows, F*D.
+
+    Products with it need no package of sparse matrices, whose import takes longer than they do.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    size: int
+
+    def forces(self, tension: np.ndarray) -> np.ndarray:
+        """(F*D,) N: what members pull on the free nodes."""
+        return np.bincount(self.rows, self.values * tension[self.columns], self.size)
+
+    def along(self, field: np.ndarray, count: int) -> np.ndarray:
+        """(S+B,): a field (F*D,) on each of `count` members."""
+        return np.bincount(self.columns, self.values * field[self.rows], count)
+
+    def squares(self, count: int) -> np.ndarray:
+        """(S+B,): the columns' squared lengths, of `count` members."""
+        return np.bincount(self.columns, self.values**2, count)
+
+
+def freedoms(model: Model) -> int:
+    return len(model.free_nodes) * len(model.axes)
+
+
+def dense(rows, columns, values, shape: tuple[int, int]) -> np.ndarray:
+    """Sum of values at these places (arrays that broadcast); those in row or column -1 are left out."""
+    matrix = np.zeros((shape[0] + 1, shape[1] + 1))  # the last row and column take them
+    np.add.at(matrix, (rows, columns), values)
+    return matrix[:-1, :-1]
+
+
+def sparse(rows, columns, values, shape: tuple[int, int]) -> scipy.sparse.csc_array:
+    """The same as a sparse matrix."""
+    rows, columns, values = (array.ravel() for array in np.broadcast_arrays(rows, columns, values))
+    kept = (rows >= 0) & (columns >= 0)
+    return scipy.sparse.coo_array((values[kept], (rows[kept], columns[kept])), shape).tocsc()
+
+
+def require_small(model: Model, what: str) -> None:
+    size = max(freedoms(model), len(model.strings) + len(model.bars))
+    if size > WHOLE:
+        most = f"structures of up to {WHOLE} degrees of freedom and members"
+        raise TooLarge(f"{model.name}: {what} is for {most}; here are {size}")
+
+
+def free_rows(model: Model, field: np.ndarray) -> np.ndarray:
+    """A nodal field (N, 3) at the rows of the equilibrium matrix."""
+    return field[model.free_nodes][:, model.axes].ravel()
+
+
+def lengths_between(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1)
+
+
+def lstsq(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(matrix, right, rcond=RANK_TOLERANCE)[0]
+
+
+def null_space(matrix: np.ndarray) -> np.ndarray:
+    if not matrix.size:
+        return np.eye(matrix.shape[1])
+    _, values, right = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])  # right is square
+    return right[int(np.sum(values > RANK_TOLERANCE * max(values[0], 1e-300))) :].T

@@ -1,0 +1,137 @@
+"""Whether a scene's model can be simulated: what the kernel would refuse later, said here with file, key and remedy.
+
+* Rates.  A node of the inertia m under a stiffness k swings at sqrt(k/m), under a damper d it slows down at d/m.  Steps have to
+  follow the first and, while forces change, the second; beyond the bounds below a run would take days for a second.  It is
+  these ratios that decide, not the masses: a small structure of thin wires may have bars of a microgram.
+* Force laws.  The kernel works out the same laws in its own way, and may refuse one that `laws` accepts.
+* The start.  Its accelerations must be numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import laws
+from ..errors import SceneError, SimulationError, TensegrityError
+from ..kernel import Kernel, load_library
+from ..model import Model
+from ..model.elements import Element, Series
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+FASTEST_SWING = 1e8  # rad/s
+FASTEST_DECAY = 1e12  # 1/s
+
+
+def require(scene: Scene, model: Model) -> None:
+    """Raise SceneError where the model cannot be simulated."""
+    load_library()  # that it is missing is no fault of the scene
+    _require_rates(scene, model)
+    failure = _refusal(model)
+    if failure is None:
+        return
+    for i, name in enumerate(model.string_names):
+        entry = scene.strings[name]
+        key = next((key for key in ("element", "nsh", "damper") if getattr(entry, key) is not None), None)
+        if key is not None and _refusal(_alone(model, i)) is not None:
+            problem = f"the kernel refuses the string's law: {failure}"
+            raise scene.error(f"strings.{name}.{key}", problem, "Change the law's parameters or the string's stiffness.")
+    raise SceneError(scene.file, "(scene)", scene.name, f"cannot be simulated: {failure}", "Bring its values nearer together.")
+
+
+def _refusal(model: Model) -> str | None:
+    try:
+        Kernel(model).initialize()
+    except SimulationError as failure:
+        return str(failure).partition(": ")[2]
+    except TensegrityError as failure:
+        return str(failure).removeprefix("the packed model is refused: ")
+    return None
+
+
+def _alone(model: Model, i: int) -> Model:
+    """The model with string i alone, and all bars."""
+    def only(table: tuple) -> tuple:
+        return (table[i],)
+
+    bare = {name: only(getattr(model, name)) for name in ("string_names", "nsh", "element", "damper")}
+    arrays = {name: getattr(model, name)[[i]] for name in ("strings", "stiffness", "damping", "rest_length")}
+    return replace(model, **bare, **arrays, actuator=(), current=(), drum_load=())
+
+
+# --- rates -------------------------------------------------------------------------------------------------------
+
+
+def _require_rates(scene: Scene, model: Model) -> None:
+    inertia, owner = _inertia(model)
+    for what, bound, unit, values in (
+        ("stiffness", FASTEST_SWING**2, "N/m", _stiffest(model)),
+        ("damping", FASTEST_DECAY, "N s/m", _most_damped(model)),
+    ):
+        for i, value in enumerate(values):
+            for node in model.strings[i]:
+                if inertia[node] > 0.0 and value / inertia[node] > bound:
+                    _too_fast(scene, model, owner[node], node, f"the {what} of {model.string_names[i]}", value, unit)
+            motor = model.actuator[i]
+            if motor is not None and value * motor.radius**2 / motor.inertia > bound:
+                key = f"actuators.{scene.strings[model.string_names[i]].actuator}.inertia"
+                problem = f"is too small beside the {what} of {model.string_names[i]} ({value:.3g} {unit}), which moves it too fast"
+                raise scene.error(key, problem, "Raise the inertia, or lower the other.")
+    for node, value in model.drag:
+        if inertia[node] > 0.0 and value / inertia[node] > FASTEST_DECAY:
+            _too_fast(scene, model, owner[node], node, "the drag there", value, "N s/m")
+    for motor, name in {(motor, scene.strings[model.string_names[i]].actuator) for i, motor in enumerate(model.actuator) if motor}:
+        if motor.damping / motor.inertia > FASTEST_DECAY:
+            raise scene.error(f"actuators.{name}.inertia", f"is too small beside the damping, {motor.damping:.3g} N m s",
+                              "Raise the inertia, or lower the damping.")
+
+
+def _too_fast(scene: Scene, model: Model, key: str, node: int, what: str, value: float, unit: str) -> None:
+    problem = f"is too small beside {what} ({value:.3g} {unit}), which moves {model.node_names[node]} too fast to be followed"
+    raise scene.error(key, problem, "Raise the mass, or lower the other.")
+
+
+def _inertia(model: Model) -> tuple[np.ndarray, list[str]]:
+    """(N,) kg that a force on a node moves at least, 0 at fixed nodes, and the key of the largest mass in it.
+
+    An end of a free bar moves like m/4, the tip of a pinned one like m/3, and a point mass adds to it.
+    """
+    inertia, owner = np.zeros(len(model.nodes)), [""] * len(model.nodes)
+    for name, ends, mass in zip(model.bar_names, model.bars, model.bar_mass):
+        for node in ends:
+            inertia[node], owner[node] = 0.25 * mass, f"bars.{name}.mass"
+    for node, mass in model.point_mass:
+        if mass > inertia[node]:
+            owner[node] = f"point_masses.{model.node_names[node]}"
+        inertia[node] += mass
+    inertia[model.fixed] = 0.0
+    return inertia, owner
+
+
+def _stiffest(model: Model) -> list[float]:
+    """N/m, about the largest stiffness of each string."""
+    found = []
+    for i, k in enumerate(model.stiffness.tolist()):
+        element = model.element[i] if model.nsh[i] is None else model.nsh[i].element
+        if isinstance(element, Series) and element.law == "hysteretic":
+            found.append(k)  # in series with all parts
+        elif element is not None:
+            found.append(_steepest(element))
+        else:
+            found.append(k)
+    return found
+
+
+def _steepest(element: Element) -> float:
+    made = laws.law(element)
+    ends = [end for one in made.stretches for end in (one.start, one.end) if end < np.inf]
+    return max(abs(made.stiffness(end or 1e-12)) for end in ends)
+
+
+def _most_damped(model: Model) -> list[float]:
+    """N s/m of each string at small rates."""
+    return [d if law is None else laws.damping(law).slope(0.0) for d, law in zip(model.damping.tolist(), model.damper)]

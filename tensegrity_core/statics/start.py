@@ -1,0 +1,119 @@
+"""The model that starts where a scene says, in equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import laws
+from ..errors import InputError
+from ..laws import hysteresis
+from ..model import NSH, Actuator, Model
+from . import simulable
+from .matrices import lengths_between
+from .prestress import prestress, require_balance, rest_lengths, two_parts
+from .settling import NoEquilibrium, settle
+from .strings import string_tension
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+
+def build_model(scene: Scene) -> Model:
+    """The scene's structure at its start, with the rest lengths that its prestress asks for.
+
+    Raises SceneError where the prestress is undetermined, a string would have to push, a rest length would be
+    negative, no equilibrium exists, or the model cannot be simulated (see `simulable`).
+    """
+    _require_laws(scene)
+    model = _at_given_coordinates(scene)
+    tension = prestress(scene, model)
+    model = replace(model, rest_length=rest_lengths(scene, model, tension))
+    if scene.start == "equilibrium":
+        require_balance(scene, model)
+    if scene.start == "settled":
+        try:
+            model = settle(model)
+        except (NoEquilibrium, hysteresis.NoStableState) as failure:
+            remedy = 'Change the prestress or the coordinates, or write start = "released".'
+            raise scene.error("start", str(failure), remedy, scene.start) from None
+    model = replace(model, current=_holding_currents(model))
+    simulable.require(scene, model)
+    return model
+
+
+def _holding_currents(model: Model) -> np.ndarray:
+    """(A,) A: the currents that hold the start tensions, i = r T / k_a."""
+    tension = string_tension(model, lengths_between(model.nodes, model.strings))
+    motors = [(model.actuator[i], tension[i]) for i in model.actuated]
+    return np.array([motor.radius * pull / motor.torque_constant for motor, pull in motors])
+
+
+def _require_laws(scene: Scene) -> None:
+    """Work out every element, of a string or not, and every damper; raise SceneError for one that has no force law."""
+    for name, entry in scene.elements.items():
+        try:
+            laws.part_law(scene.element(name)) if entry.law != "hysteretic" else hysteresis.start(scene.element(name), 1.0)
+        except InputError as failure:
+            raise scene.error(f"elements.{name}", *two_parts(failure)) from None
+    for name in scene.dampers:
+        try:
+            laws.damping(scene.damper(name))
+        except InputError as failure:
+            raise scene.error(f"dampers.{name}", *two_parts(failure)) from None
+    for name, string in scene.strings.items():
+        try:
+            if string.element is not None and scene.elements[string.element].law != "hysteretic":
+                laws.law(scene.element(string.element))
+        except InputError as failure:
+            raise scene.error(f"strings.{name}.element", *two_parts(failure)) from None
+
+
+def _stiffness(scene: Scene, string: str) -> float:
+    """k of a string, N/m; where nothing uses one, that of its element as it begins to stretch."""
+    given = scene.stiffness(string)
+    if given is not None:
+        return given
+    return laws.law(scene.element(scene.strings[string].element)).stiffness(1e-300) or 1.0
+
+
+def _at_given_coordinates(scene: Scene) -> Model:
+    index = {name: i for i, name in enumerate(scene.nodes)}
+    nodes = np.array([scene.position(name) for name in scene.nodes])
+    fixed = set(scene.fixed)
+    honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h, entry.law) for name, entry in scene.nsh.items()}
+    elements = {name: scene.element(name) for name in scene.elements}
+    dampers = {name: scene.damper(name) for name in scene.dampers}
+    actuators = {name: Actuator(**entry.model_dump()) for name, entry in scene.actuators.items()}
+    return Model(
+        name=scene.name,
+        description=scene.description,
+        axes=scene.axes,
+        node_names=tuple(scene.nodes),
+        bar_names=tuple(scene.bars),
+        string_names=tuple(scene.strings),
+        nodes=nodes,
+        fixed=[name in fixed for name in scene.nodes],
+        bars=[[index[node] for node in bar.nodes] for bar in scene.bars.values()],
+        bar_mass=[bar.mass for bar in scene.bars.values()],
+        strings=[[index[node] for node in string.nodes] for string in scene.strings.values()],
+        stiffness=[_stiffness(scene, name) for name in scene.strings],
+        damping=[scene.damping(name) for name in scene.strings],
+        rest_length=np.zeros(len(scene.strings)),
+        nsh=tuple(honeycombs.get(string.nsh) for string in scene.strings.values()),
+        element=tuple(elements.get(string.element) for string in scene.strings.values()),
+        damper=tuple(dampers.get(string.damper) for string in scene.strings.values()),
+        damping_law=scene.damping_law,
+        gravity=scene.gravity,
+        nominal=nodes,
+        actuator=tuple(actuators.get(string.actuator) for string in scene.strings.values()),
+        point_mass=_in_node_order(scene.point_masses, index),
+        drag=_in_node_order(scene.drag, index),
+        moving=tuple(sorted(index[node] for node in scene.moving)),
+    )
+
+
+def _in_node_order(table: dict[str, float], index: dict[str, int]) -> tuple[tuple[int, float], ...]:
+    return tuple(sorted((index[node], value) for node, value in table.items()))

@@ -1,0 +1,70 @@
+"""Tension, stiffness and stored energy of all strings of a model, and the branches of those that have a memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import laws
+from ..laws import hysteresis
+from ..laws import nsh as nsh_law
+from ..model import Model
+
+#: Per string with memory the branch that it is on.
+Branches = dict[int, hysteresis.Branch]
+
+
+def string_tension(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
+    """(S,) N: elastic tension of every string at these lengths (S,), m; a slack string carries nothing.
+
+    branches: where strings with memory come from, on a continuous way; without, they are stretched from slack.
+    """
+    stretch = _stretch(model, length)
+    return _with_laws(model, model.stiffness * stretch, "force", stretch, branches)
+
+
+def string_stiffness(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
+    """(S,) N/m: derivative of the elastic tension by the length; 0 for a slack string."""
+    stretch = _stretch(model, length)
+    return _with_laws(model, np.where(stretch > 0.0, model.stiffness, 0.0), "stiffness", stretch, branches)
+
+
+def string_energy(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
+    """(S,) J: energy stored in every string at these lengths (S,), m."""
+    stretch = _stretch(model, length)
+    return _with_laws(model, 0.5 * model.stiffness * stretch**2, "energy", stretch, branches)
+
+
+def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
+    """The branches of the strings with memory at these lengths (S,), m; for `branches` see `string_tension`."""
+    return _branches(model, length - model.rest_length, branches)
+
+
+def _branches(model: Model, stretch: np.ndarray, before: Branches | None) -> Branches:
+    if before is None:
+        before = {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in model.memories.items()}
+    return {i: hysteresis.follow(branch, float(stretch[i]))[0] for i, branch in before.items()}
+
+
+def string_elongation(model: Model, i: int, force: float) -> float:
+    """Smallest elongation at which string i bears the force (N), m, stretched from slack."""
+    k = float(model.stiffness[i])
+    if i in model.memories:
+        return hysteresis.elongation(model.memories[i], k, force)
+    if i in model.laws:
+        return laws.law(model.laws[i]).elongation(force, k)
+    return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
+
+
+def _stretch(model: Model, length: np.ndarray) -> np.ndarray:
+    return np.maximum(length - model.rest_length, 0.0)
+
+
+def _with_laws(model: Model, linear: np.ndarray, what: str, stretch: np.ndarray, branches: Branches | None) -> np.ndarray:
+    """The linear strings' values, with `what` (force, stiffness or energy) of all others put in."""
+    for i in model.plain_nsh_strings:
+        linear[i] = getattr(nsh_law, what)(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+    for i, element in model.laws.items():
+        linear[i] = getattr(laws.law(element), what)(float(stretch[i]), float(model.stiffness[i]))
+    for i, branch in _branches(model, stretch, branches).items():
+        linear[i] = getattr(branch, what)(float(stretch[i]))
+    return linear

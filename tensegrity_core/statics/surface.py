@@ -1,0 +1,314 @@
+"""The potential energy over the freedoms of a structure: slope, curvature, and the stability of an equilibrium."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from .. import laws
+from ..model import Model
+from .analysis import rigid_body_motions
+from .forces import BALANCED, EPS, coordinate_force, loads, members, places
+from .matrices import dense, free_rows, freedoms, lengths_between, require_small, sparse
+from .strings import Branches, string_branches, string_energy, string_stiffness, string_tension
+
+SMALL = 300  # degrees of freedom up to which settling works with dense matrices and all eigenvectors
+NEUTRAL = 1e-10  # eigenvalues below this part of the largest are round-off
+
+
+class Modes:
+    """A tangent stiffness by its eigenvalues (r,), N/m, and eigenvectors (r, r): the linearised flow is solved exactly."""
+
+    assembled = staticmethod(dense)
+
+    def __init__(self, tangent: np.ndarray):
+        self.values, self.vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
+        self.stiffest = float(np.abs(self.values).max(initial=0.0)) or 1.0
+
+    def stable(self) -> bool:
+        return is_stable(self.values)
+
+    def lowest(self) -> tuple[float, np.ndarray]:
+        """The lowest eigenvalue, N/m, and its eigenvector (r,)."""
+        return float(self.values[0]), self.vectors[:, 0]
+
+    def times(self, directions: np.ndarray) -> np.ndarray:
+        """The stiffness times directions (r, m)."""
+        return self.vectors @ (self.values[:, None] * (self.vectors.T @ directions))
+
+    def lowest_beside(self, neutral: np.ndarray) -> float:
+        """The lowest eigenvalue, N/m, across the orthonormal directions (r, k), which have none; inf: there is none."""
+        if not neutral.size:
+            return float(self.values.min(initial=np.inf))
+        rest = np.linalg.qr(neutral, mode="complete")[0][:, neutral.shape[1] :]
+        return float(np.linalg.eigvalsh(rest.T @ self.times(rest)).min(initial=np.inf))
+
+    def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
+        """(r,) where the flow goes in a time under a pull (r,), N; None: without end, or too far to say.
+
+        A neutral direction with no more pull than `negligible`, such as a rigid-body motion, is left alone.
+        """
+        pull = self.vectors.T @ pull
+        values = np.where(np.abs(self.values) < NEUTRAL * self.stiffest, 0.0, self.values)
+        pull[(values == 0.0) & (np.abs(pull) <= negligible)] = 0.0
+        if np.isinf(time) and not np.all((values > 0.0) | (pull == 0.0)):
+            return None
+        return self.vectors @ (_flow(values, time) * pull)
+
+
+class _Factors:
+    """A large tangent stiffness (r, r), N/m, by sparse factors: the linearised flow is solved by implicit Euler steps."""
+
+    assembled = staticmethod(sparse)
+
+    def __init__(self, tangent: scipy.sparse.csc_array):
+        self.tangent = (0.5 * (tangent + tangent.T)).tocsc()
+        self.stiffest = float(abs(self.tangent).sum(axis=0).max(initial=0.0)) or 1.0  # a bound
+
+    def factors(self, shift: float):
+        """The factors of K + shift 1, None unless it is positive definite."""
+        shifted = self.tangent + shift * scipy.sparse.eye_array(self.tangent.shape[0], format="csc")
+        symmetric = {"SymmetricMode": True}
+        try:
+            found = scipy.sparse.linalg.splu(shifted, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
+        except RuntimeError:  # singular
+            return None
+        # without row exchanges the pivots have the signs of the eigenvalues (Sylvester's law of inertia)
+        definite = np.array_equal(found.perm_r, found.perm_c) and found.U.diagonal().min(initial=1.0) > 0.0
+        return found if definite else None
+
+    def stable(self) -> bool:
+        return self.factors(NEUTRAL * self.stiffest) is not None
+
+    def lowest(self) -> tuple[float, np.ndarray]:
+        """The lowest eigenvalue, N/m, and its eigenvector (r,)."""
+        values, vectors = self._lowest(1)
+        return float(values[0]), vectors[:, 0]
+
+    def times(self, directions: np.ndarray) -> np.ndarray:
+        """The stiffness times directions (r, m)."""
+        return self.tangent @ directions
+
+    def lowest_beside(self, neutral: np.ndarray) -> float:
+        """The lowest eigenvalue, N/m, across the orthonormal directions (r, k), which have none."""
+        values, vectors = self._lowest(1 + neutral.shape[1])
+        return float(values[np.linalg.norm(neutral.T @ vectors, axis=0) < 0.5].min(initial=np.inf))
+
+    def _lowest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        shift = 0.0 if count == 1 else 1e-4 * self.stiffest  # beside zeros others lose the digits that an inverse has of these
+        while (factors := self.factors(shift)) is None:
+            shift = max(4.0 * shift, NEUTRAL * self.stiffest)
+        inverse = scipy.sparse.linalg.LinearOperator(self.tangent.shape, factors.solve, dtype=float)
+        start = np.random.default_rng(0).standard_normal(len(factors.perm_r))
+        return scipy.sparse.linalg.eigsh(self.tangent, count, sigma=-shift, OPinv=inverse, v0=start)
+
+    def way(self, pull: np.ndarray, time: float, negligible: float) -> np.ndarray | None:
+        """As of Modes; a pull along a neutral direction is not left alone, but no step of infinite time follows it."""
+        factors = self.factors(1.0 / time)
+        return None if factors is None else factors.solve(pull)
+
+
+class SurfacePoint(NamedTuple):
+    """The structure at one configuration, along the directions that keep the bars' lengths.
+
+    energy: V, J; basis: (F*D, r) orthonormal directions; pull: (r,) N, -grad V; tangent: the tangent stiffness there.
+    """
+
+    energy: float
+    basis: np.ndarray | scipy.sparse.csc_array
+    pull: np.ndarray
+    tangent: Modes | _Factors
+
+    @property
+    def values(self) -> np.ndarray:
+        """Rising eigenvalues (r,) of the tangent stiffness, N/m; of a small structure."""
+        return self.tangent.values
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """Eigenvectors (r, r) of the tangent stiffness; of a small structure."""
+        return self.tangent.vectors
+
+
+class Surface:
+    """A model under constant loads, as a potential energy over the positions that keep the bars' lengths.
+
+    branches: where the strings with memory stand; `keep` moves them along, and without it they stay.
+    """
+
+    def __init__(self, model: Model, force, decomposition=None, branches: Branches | None = None):
+        self.model, self.load = model, loads(model, force)
+        self.bar_length = lengths_between(model.nominal, model.bars)
+        self.place = places(model)
+        self.size = freedoms(model)
+        self.decomposition = decomposition or (Modes if self.size <= SMALL else _Factors)
+        length = lengths_between(model.nodes, model.strings)
+        self.branches = string_branches(model, length) if branches is None else branches
+        tension = string_tension(model, length, self.branches)
+        largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())
+        self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (coordinate_force(model) + largest_force))
+        span = float(np.ptp(model.nodes, axis=0).max())
+        self.reach = step_limit(model)
+        self.nearly_balanced = max(self.balanced, 1e-6 * largest_force)
+        self.energy_round_off = 16.0 * EPS * float(np.sum(tension * length) + np.abs(self.load).sum() * span)
+
+    def keep(self, nodes: np.ndarray) -> None:
+        """Strings with memory follow to these positions for good."""
+        if self.branches:
+            self.branches = string_branches(self.model, lengths_between(nodes, self.model.strings), self.branches)
+
+    def energy(self, nodes: np.ndarray) -> float:
+        stored = string_energy(self.model, lengths_between(nodes, self.model.strings), self.branches)
+        return float(stored.sum() - np.sum(self.load * (nodes - self.model.nodes)))
+
+    def at(self, nodes: np.ndarray) -> SurfacePoint:
+        """Energy, force and tangent stiffness along the directions that keep the bars' lengths."""
+        strings = self.model.strings
+        along = nodes[strings[:, 1]] - nodes[strings[:, 0]]
+        length = np.linalg.norm(along, axis=1)
+        density = string_tension(self.model, length, self.branches) / length
+        total = self.load.copy()
+        np.add.at(total, strings[:, 0], density[:, None] * along)
+        np.add.at(total, strings[:, 1], -density[:, None] * along)
+        basis = self._basis(nodes)
+        tangent = basis.T @ self._stiffness(along, length, density, self._bar_density(nodes, total)) @ basis
+        return SurfacePoint(self.energy(nodes), basis, basis.T @ free_rows(self.model, total), self.decomposition(tangent))
+
+    def gone(self, nodes: np.ndarray) -> float:
+        """m, the longest way of a coordinate from the model's start."""
+        return float(np.abs(nodes - self.model.nodes).max())
+
+    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
+        """Whether a step (F*D,) from nodes (N, 3) is small beside the structure."""
+        return bool(np.abs(step).max(initial=0.0) <= self.reach)
+
+    def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Positions after a step (F*D,), bars brought back to their lengths: about the fixed end or the centre."""
+        nodes = nodes.copy()
+        nodes[np.ix_(self.model.free_nodes, self.model.axes)] += step.reshape(-1, len(self.model.axes))
+        first, second = self.model.bars.T
+        bar = nodes[second] - nodes[first]
+        bar *= (self.bar_length / np.linalg.norm(bar, axis=1))[:, None]
+        centre = 0.5 * (nodes[first] + nodes[second])
+        fixed_first, fixed_second = self.model.fixed[first, None], self.model.fixed[second, None]
+        at_first, at_second = nodes[first].copy(), nodes[second].copy()
+        nodes[first] = np.where(fixed_first, at_first, np.where(fixed_second, at_second - bar, centre - 0.5 * bar))
+        nodes[second] = np.where(fixed_second, at_second, np.where(fixed_first, at_first + bar, centre + 0.5 * bar))
+        return nodes
+
+    def _basis(self, nodes: np.ndarray):
+        """(F*D, r): orthonormal directions that keep the bars' lengths, few nodes in each.
+
+        A bar contributes its turning about each direction across it and, if both ends are free, its translations; a node on no
+        bar its own.
+        """
+        bars, axes = self.model.bars, self.model.axes
+        first, second = self.place[bars[:, 0]], self.place[bars[:, 1]]  # (B, D)
+        afloat = (first[:, 0] >= 0) & (second[:, 0] >= 0)
+        across = _across((nodes[bars[:, 1]] - nodes[bars[:, 0]])[:, axes])  # (B, D, D-1)
+        across *= np.where(afloat, math.sqrt(0.5), 1.0)[:, None, None]
+        turns = np.arange(len(bars) * across.shape[2]).reshape(-1, 1, across.shape[2])
+        shifts = turns.size + np.arange(afloat.sum() * len(axes)).reshape(-1, len(axes))
+        rows = [*(np.broadcast_to(end[:, :, None], across.shape).ravel() for end in (first, second))]
+        rows += [first[afloat].ravel(), second[afloat].ravel()]
+        turning = np.broadcast_to(turns, across.shape).ravel()
+        columns = [turning, turning, shifts.ravel(), shifts.ravel()]
+        values = [-across.ravel(), across.ravel(), np.full(2 * shifts.size, math.sqrt(0.5))]
+        lone = self.place[self.model.lone_nodes].ravel()
+        if len(lone):
+            rows.append(lone)
+            columns.append(turns.size + shifts.size + np.arange(len(lone)))
+            values.append(np.ones(len(lone)))
+        shape = (self.size, turns.size + shifts.size + len(lone))
+        return self.decomposition.assembled(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), shape)
+
+    def _bar_density(self, nodes: np.ndarray, total: np.ndarray) -> np.ndarray:
+        """(B,) N/m: bar force densities that balance the nodal forces (N, 3) best; no two bars share a node."""
+        felt = np.zeros_like(total)
+        movable = np.ix_(self.model.free_nodes, self.model.axes)
+        felt[movable] = total[movable]
+        first, second = self.model.bars.T
+        bar = nodes[second] - nodes[first]
+        free_ends = 2.0 - self.model.fixed[first] - self.model.fixed[second]
+        return np.sum(bar * (felt[second] - felt[first]), axis=1) / (free_ends * np.sum(bar**2, axis=1))
+
+    def _stiffness(self, along, length, density, bar_density):
+        """(F*D, F*D) N/m: a string's block is k u u^T + density (1 - u u^T), a bar's density times 1."""
+        axes = self.model.axes
+        unit = (along / length[:, None])[:, axes]
+        material = string_stiffness(self.model, length, self.branches) - density
+        blocks = np.concatenate([density, bar_density])[:, None, None] * np.eye(len(axes))
+        blocks[: len(unit)] += material[:, None, None] * unit[:, :, None] * unit[:, None, :]
+        ends = self.place[members(self.model)]  # (S+B, 2, D)
+        pairs = ((0, 0), (0, 1), (1, 0), (1, 1))
+        rows = np.stack([ends[:, i, :, None] for i, _ in pairs])
+        columns = np.stack([ends[:, j, None, :] for _, j in pairs])
+        values = np.stack([blocks if i == j else -blocks for i, j in pairs])
+        return self.decomposition.assembled(rows, columns, values, (self.size, self.size))
+
+
+def _across(along: np.ndarray) -> np.ndarray:
+    """(B, D) -> (B, D, D-1): orthonormal directions across each vector, from its Householder reflection."""
+    mirror = along / np.linalg.norm(along, axis=1)[:, None]
+    mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
+    reflection = np.eye(along.shape[1]) - mirror[:, :, None] * (2.0 * mirror / np.sum(mirror**2, axis=1)[:, None])[:, None, :]
+    return reflection[:, :, :-1]
+
+
+def tangent_stiffness(model: Model, force=None) -> np.ndarray:
+    """Rising eigenvalues, N/m, of the tangent stiffness at the model's start, in the directions that keep the bars'
+    lengths; negative: unstable; zero: neutral, as a rigid-body motion is.
+
+    Raises TooLarge: time grows with the third power of the structure; see `stability`.
+    """
+    require_small(model, "computing every eigenvalue of the tangent stiffness")
+    return Surface(model, force, Modes).at(model.nodes).values
+
+
+class Stability(NamedTuple):
+    """stable: no eigenvalue of the tangent stiffness is negative beyond round-off; lowest: the lowest of them, N/m, those of
+    rigid-body motions that nothing resists left out (inf: there is no other)."""
+
+    stable: bool
+    lowest: float
+
+
+def stability(model: Model, force=None) -> Stability:
+    """Stability of the model's start, of small and large structures."""
+    point = Surface(model, force).at(model.nodes)
+    return Stability(point.tangent.stable(), point.tangent.lowest_beside(_neutral(point, rigid_body_motions(model))))
+
+
+def _neutral(point: SurfacePoint, motions: np.ndarray) -> np.ndarray:
+    """(r, k) orthonormal: what of motions (F*D, m) the tangent stiffness does not resist, along the point's directions."""
+    along = point.basis.T @ motions
+    _, sizes, combinations = np.linalg.svd(point.tangent.times(along), full_matrices=along.shape[0] < along.shape[1])
+    free = np.ones(along.shape[1], dtype=bool)
+    free[: len(sizes)] = sizes <= 10.0 * NEUTRAL * point.tangent.stiffest
+    return np.linalg.qr(along @ combinations[free].T)[0]
+
+
+def is_stable(values: np.ndarray) -> bool:
+    """Whether no eigenvalue (r,), N/m, of a tangent stiffness is negative beyond round-off."""
+    return bool(values.min(initial=0.0) >= -NEUTRAL * np.abs(values).max(initial=0.0))
+
+
+def step_limit(model: Model) -> float:
+    """m: longest way of a node in one step: small beside the structure, beside the beams of an NSH and falling stretches."""
+    beams = [h for i in model.nsh_strings for h in model.nsh[i].h]
+    made = [laws.law(element) for element in model.laws.values()]
+    made += [laws.part_law(part) for element in model.memories.values() for part in element.parts]
+    beams += [one.end - one.start for law in made for one in law.stretches if one.sign < 0]
+    return min([5e-3 * float(model.bar_length.min()), *(0.2 * h for h in beams)])
+
+
+def _flow(values: np.ndarray, time: float) -> np.ndarray:
+    """(1 - exp(-w t))/w for each eigenvalue w: the way that a unit force goes in the time t."""
+    if np.isinf(time):
+        return np.divide(1.0, values, out=np.zeros_like(values), where=values > 0.0)
+    way = np.full_like(values, time)
+    growth = np.clip(-values * time, None, 600.0)  # no overflow: such a step is too long anyway
+    return np.divide(-np.expm1(growth), values, out=way, where=values != 0.0)
