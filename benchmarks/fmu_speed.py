@@ -24,10 +24,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import machine  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
-from fmu_src.interface import variables
-from fmu_src.native_fmu import here, pack_native_fmu
-from fmu_src.outside import Instance, Ports
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.libraries import here
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.validation.outside import Instance, Ports
+from fmu_src.variables.interface import variables
 from tensegrity_core.files import scratch, write_bytes
 from tensegrity_core.kernel import Kernel, to_bytes
 from tensegrity_core.model import Model

@@ -1,6 +1,6 @@
 """What a host's tolerance costs and loses: ``python benchmarks/host_tolerance.py`` prints the table of docs/fmu.md.
 
-Every scenario of the thorough validation (fmu_src/scenarios.py: d / 10, d and 10 d) and random held inputs, for each built-in
+Every scenario of the thorough validation (fmu_src/validation/scenarios.py: d / 10, d and 10 d) and random held inputs, for each built-in
 scene, at tolerances from 1e-4 to 1e-12, against the kernel at 1e-13 by another method.  Runs that magnify a start error of
 1e-12 m beyond 1e-9 m say nothing about a tolerance and are left out.
 """
@@ -18,7 +18,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT)]
 
-from fmu_src import compare, scenarios
+from fmu_src.validation import compare, scenarios
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import builtin_scenes, load_scene

@@ -20,13 +20,13 @@ import machine  # noqa: E402
 import problems  # noqa: E402
 from stability.common import table, wrapped  # noqa: E402
 
-from fmu_src import build as build_fmu  # noqa: E402
-from fmu_src import speed as fmu_speed  # noqa: E402
-from tensegrity_core.files import scratch  # noqa: E402
-from tensegrity_core.kernel import Kernel  # noqa: E402
-from tensegrity_core.native import build  # noqa: E402
-from tensegrity_core.scene import load_scene  # noqa: E402
-from tensegrity_core.statics import build_model  # noqa: E402
+from fmu_src import build as build_fmu
+from fmu_src.validation import speed as fmu_speed
+from tensegrity_core.files import scratch
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.native import build
+from tensegrity_core.scene import load_scene
+from tensegrity_core.statics import build_model
 
 SCENES, TOLERANCES = ("three_bar", "three_bar_nsh"), (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-10)
 METHODS, ERRORS = ("auto", "dop853", "rodas5p", "radau9"), (1e-6, 1e-8)

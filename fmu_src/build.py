@@ -15,16 +15,16 @@ from tensegrity_core.native.build import TARGETS
 from tensegrity_core.scene import Scene, builtin_scenes, load_scene
 from tensegrity_core.statics import build_model
 
-from .actuator import detached
-from .cross_check import write_cross_check
-from .libraries import cross_compiled, here
-from .native_fmu import pack_native_fmu
-from .pack import pack_python_fmu
-from .reference_cache import trouble
-from .report import write_report
-from .scenarios import Scenario, scenarios
-from .trials import trials
-from .validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
+from .packing.actuator import detached
+from .packing.libraries import cross_compiled, here
+from .packing.native_fmu import pack_native_fmu
+from .packing.pack import pack_python_fmu
+from .validation.cross_check import write_cross_check
+from .validation.reference_cache import trouble
+from .validation.report import write_report
+from .validation.scenarios import Scenario, scenarios
+from .validation.trials import trials
+from .validation.validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
 
 
 def command_name() -> str:

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from support import scene
 
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core.scene import builtin_scenes
 
 
@@ -174,7 +174,7 @@ def extracted(tmp_path):
 @pytest.fixture
 def instance(fmus, extracted):
     """instance(scene, **start): a started instance of the scene's FMU, with all messages on; freed after the test."""
-    from fmu_src.outside import Instance
+    from fmu_src.validation.outside import Instance
 
     made, unpacked = [], {}
 

@@ -22,11 +22,11 @@ from driven_scenes import MAST as WOUND
 from element_scenes import STRINGS, mast
 from support import scene
 
-from fmu_src.compare import Comparison, compare
-from fmu_src.scenarios import Scenario
-from fmu_src.sensitivity import OUTPUTS, Spread, spreads
-from fmu_src.trials import trials
-from fmu_src.validate import START_ERROR, TIGHT
+from fmu_src.validation.compare import Comparison, compare
+from fmu_src.validation.scenarios import Scenario
+from fmu_src.validation.sensitivity import OUTPUTS, Spread, spreads
+from fmu_src.validation.trials import trials
+from fmu_src.validation.validate import START_ERROR, TIGHT
 from tensegrity_core import kernel, laws
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.model import Model, Result

@@ -89,7 +89,7 @@ def described(folder: Path):
 
 def library_of(folder: Path) -> Path:
     """The library for this platform in an extracted FMU."""
-    from fmu_src.native_fmu import here
+    from fmu_src.packing.libraries import here
 
     return next((folder / "binaries" / here()).iterdir())
 

@@ -26,8 +26,8 @@ from fmpy import extract, read_model_description
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core import kernel, reference
 from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.modes import modes

@@ -7,11 +7,11 @@ from fmpy import extract, read_model_description
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from fmu_src.actuator import detached
 from fmu_src.build import main
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.outside import Instance
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.actuator import detached
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.validation.outside import Instance
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
 

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from support import scene
 
-from fmu_src.interface import variables
+from fmu_src.variables.interface import variables
 from tensegrity_core.cli import main
 from tensegrity_core.commands.simulate import end_of_run
 from tensegrity_core.kernel import simulate

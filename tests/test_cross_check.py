@@ -11,8 +11,8 @@ from fmpy.util import read_csv as fmpy_csv
 from fmpy.util import read_ref_opt_file
 from support import scene
 
-from fmu_src.cross_check import write_cross_check
-from fmu_src.validate import CACHE
+from fmu_src.validation.cross_check import write_cross_check
+from fmu_src.validation.validate import CACHE
 
 SCENE = "three_bar_nsh"
 

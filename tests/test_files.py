@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from support import scene
 
-from fmu_src.pack import write_zip
-from fmu_src.reference_cache import _write as write_cached
+from fmu_src.packing.pack import write_zip
+from fmu_src.validation.reference_cache import write as write_cached
 from tensegrity_core import files
 from tensegrity_core.errors import InputError
 from tensegrity_core.files import replacing, replacing_folder, replacing_text, scratch, write_bytes, write_text
@@ -282,7 +282,7 @@ def test_every_kind_of_file_is_written_that_way(name, tmp_path, monkeypatch):
 ELSEWHERE = {
     "tensegrity_core/files.py",
     "tensegrity_core/native/build.py",
-    "fmu_src/outside.py",
+    "fmu_src/validation/outside.py",
     *(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks" / "importers" / "drivers").glob("*.py")),
 }
 #: Methods and functions that write to a path, and the arguments' place of what must not be one.

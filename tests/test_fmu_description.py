@@ -10,8 +10,8 @@ from fmpy.validation import validate_fmu
 from driven_scenes import LABORATORY, built
 from support import scene
 
-from fmu_src.interface import flat, variables
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.variables.interface import flat, variables
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.scene import builtin_scenes

@@ -10,12 +10,12 @@ from fmpy.validation import validate_fmu
 from native_calls import DISCARD
 from test_kernel_drives import drive
 
-from fmu_src.compare import series
-from fmu_src.interface import variables
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.pack import pack_python_fmu
-from fmu_src.scenarios import Scenario, scenarios
-from fmu_src.validate import run_outside
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.validation.compare import series
+from fmu_src.validation.scenarios import Scenario, scenarios
+from fmu_src.validation.validate import run_outside
+from fmu_src.variables.interface import variables
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import simulate
 from tensegrity_core.output.export import columns

@@ -13,10 +13,10 @@ import pytest
 from fmpy import read_model_description
 from support import scene
 
-from fmu_src import libraries
-from fmu_src.closure import import_closure
-from fmu_src.libraries import here, ON_ARM, PackError
-from fmu_src.pack import CORE, pack_python_fmu, write_zip
+from fmu_src.packing import libraries
+from fmu_src.packing.closure import import_closure
+from fmu_src.packing.libraries import ON_ARM, PackError, here
+from fmu_src.packing.pack import CORE, pack_python_fmu, write_zip
 from tensegrity_core.kernel import LIBRARY
 from tensegrity_core.native.build import PYTHON_LIBRARY
 
@@ -35,7 +35,7 @@ def test_same_scene_same_bytes(fmus, tmp_path):
 
 def test_another_process_packs_the_same_bytes(fmus, tmp_path):
     program = (
-        "import sys; from pathlib import Path; from fmu_src.pack import pack_python_fmu\n"
+        "import sys; from pathlib import Path; from fmu_src.packing.pack import pack_python_fmu\n"
         "from tensegrity_core.scene import load_scene; from tensegrity_core.statics import build_model\n"
         "pack_python_fmu(build_model(load_scene('two_bar_nsh')), Path(sys.argv[1]))\n"
     )

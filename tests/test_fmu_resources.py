@@ -25,8 +25,8 @@ sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve
 from native_calls import ERROR, Calls  # noqa: E402
 from support import scene  # noqa: E402
 
-from fmu_src.native_fmu import pack_native_fmu  # noqa: E402
-from fmu_src.pack import pack_python_fmu  # noqa: E402
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
 
 HERE = Path(__file__).parent
 

@@ -12,8 +12,8 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from support import scene
 
-from fmu_src.outside import Ports
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.validation.outside import Ports
 from tensegrity_core.kernel import Kernel
 
 DISCARD = 2
@@ -175,9 +175,9 @@ def test_two_instances_and_two_fmus_do_not_touch_each_other(instance):
 
 def other_version(monkeypatch, destination):
     """An FMU of two_bar as another version of this project would pack it: its gravity reads 1000 higher."""
-    from fmu_src import pack
+    from fmu_src.packing import pack
 
-    original = pack._core_files
+    original = pack.core_files
 
     def changed(library):
         files = original(library)
@@ -208,7 +208,7 @@ def test_the_first_extraction_may_vanish(fmus, extracted, instance):
     """fmpy deletes an instance's files while another one, whose modules came from there, lives on."""
     import shutil
 
-    from fmu_src.outside import Instance
+    from fmu_src.validation.outside import Instance
 
     description, folder = extracted(fmus["two_bar_nsh"])
     first = Instance(description, folder)
@@ -228,7 +228,7 @@ def test_process_ends_cleanly_after_many_instances(fmus):
         "import sys\n"
         "sys.path.insert(0, sys.argv[2])\n"
         "from fmpy import extract, read_model_description\n"
-        "from fmu_src.outside import Instance\n"
+        "from fmu_src.validation.outside import Instance\n"
         "description, folder = read_model_description(sys.argv[1]), extract(sys.argv[1])\n"
         "for i in range(40):\n"
         "    one = Instance(description, folder)\n"

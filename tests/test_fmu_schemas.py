@@ -24,16 +24,16 @@ import driven_scenes  # noqa: E402
 import element_scenes  # noqa: E402
 from support import scene  # noqa: E402
 
-from fmu_src import model_description  # noqa: E402
-from fmu_src.actuator import detached  # noqa: E402
-from fmu_src.interface import RATES, variables  # noqa: E402
-from fmu_src.libraries import here, host_library  # noqa: E402
-from fmu_src.native_fmu import Contents, native_fmu_files  # noqa: E402
-from fmu_src.pack import CORE, python_fmu_files  # noqa: E402
-from tensegrity_core.fields import FIELDS  # noqa: E402
-from tensegrity_core.kernel import LIBRARY, Kernel  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-from tensegrity_core.scene import builtin_scenes  # noqa: E402
+from fmu_src.packing.actuator import detached
+from fmu_src.packing.libraries import here, host_library
+from fmu_src.packing.native_fmu import Contents, native_fmu_files
+from fmu_src.packing.pack import CORE, python_fmu_files
+from fmu_src.variables import model_description
+from fmu_src.variables.interface import RATES, variables
+from tensegrity_core.fields import FIELDS
+from tensegrity_core.kernel import LIBRARY, Kernel
+from tensegrity_core.model import Model
+from tensegrity_core.scene import builtin_scenes
 
 SCHEMAS = {
     "modelDescription.xml": "fmi2/fmi2ModelDescription.xsd",

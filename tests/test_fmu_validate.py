@@ -13,17 +13,17 @@ import pytest
 from support import scene
 
 import tensegrity_core
-from fmu_src import compare, sensitivity, validate
 from fmu_src import build as build_fmu
-from fmu_src.compare import series
-from fmu_src.interface import variables
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.reference_cache import cached, reference_key, trouble
-from fmu_src.report import write_report
-from fmu_src.scenarios import Scenario, scenarios
-from fmu_src.sensitivity import OUTPUTS, match, spreads
-from fmu_src.speed import measure
-from fmu_src.trials import trials
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.validation import compare, sensitivity, validate
+from fmu_src.validation.compare import series
+from fmu_src.validation.reference_cache import cached, reference_key, trouble
+from fmu_src.validation.report import write_report
+from fmu_src.validation.scenarios import Scenario, scenarios
+from fmu_src.validation.sensitivity import OUTPUTS, match, spreads
+from fmu_src.validation.speed import measure
+from fmu_src.validation.trials import trials
+from fmu_src.variables.interface import variables
 from tensegrity_core import kernel, reference
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.model import Transition, grid, held
@@ -78,7 +78,7 @@ def test_strangers_get_the_kernels_results(name, fmus, outside_python):
 
 
 def test_flat_names_run_too(tmp_path):
-    from fmu_src.pack import pack_python_fmu
+    from fmu_src.packing.pack import pack_python_fmu
 
     model = scene("two_bar_nsh")
     fmu = pack_python_fmu(model, tmp_path / "flat.fmu", naming="flat")
@@ -598,7 +598,7 @@ def useless(request, tmp_path, monkeypatch):
         def refuse(*_, **__):
             raise OSError(code, os.strerror(code))
 
-        monkeypatch.setattr("fmu_src.reference_cache._write", refuse)
+        monkeypatch.setattr("fmu_src.validation.reference_cache.write", refuse)
     return folder
 
 
@@ -617,7 +617,7 @@ def test_a_useless_cache_is_told_first_and_does_no_harm(useless, result, brief, 
 def test_a_cache_that_can_only_be_read_is_read(result, tmp_path, monkeypatch):
     run, computed = result
     cached(tmp_path, "1" * 64, lambda: computed)
-    monkeypatch.setattr("fmu_src.reference_cache._write", lambda *_: pytest.fail("written to"))
+    monkeypatch.setattr("fmu_src.validation.reference_cache.write", lambda *_: pytest.fail("written to"))
     assert cached(tmp_path, "1" * 64, lambda: pytest.fail("computed although cached"))[1]
 
 

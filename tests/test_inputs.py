@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 from support import scene
 
-from fmu_src.reference_cache import reference_key
+from fmu_src.validation.reference_cache import reference_key
 from tensegrity_core.model import Actuator, Inputs, grid, held
 
 WINCH = Actuator(0.1, 0.2, 0.5, 0.03)

@@ -50,7 +50,7 @@ def main():
 OUTSIDE = '''
 import sys, time
 from pathlib import Path
-from fmu_src.outside import end_with_parent
+from fmu_src.validation.outside import end_with_parent
 end_with_parent()
 (Path(sys.argv[1]) / "outside").touch()
 while True:

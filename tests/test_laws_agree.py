@@ -5,11 +5,11 @@ import pytest
 from element_scenes import STRINGS, mast, swaying
 from fmpy.validation import validate_fmu
 
-from fmu_src.interface import variables
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.pack import pack_python_fmu
-from fmu_src.scenarios import Scenario
-from fmu_src.validate import run_outside
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.validation.scenarios import Scenario
+from fmu_src.validation.validate import run_outside
+from fmu_src.variables.interface import variables
 from tensegrity_core import reference
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import simulate

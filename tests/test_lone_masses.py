@@ -9,8 +9,8 @@ from fmpy import read_model_description, simulate_fmu
 from scipy.integrate import solve_ivp
 from test_scene import write
 
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.pack import pack_python_fmu
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core import reference, statics
 from tensegrity_core.equilibria import equilibrium, paths
 from tensegrity_core.equilibria.loading import Loading

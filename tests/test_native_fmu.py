@@ -35,10 +35,10 @@ from native_calls import (
 )
 from support import scene
 
-from fmu_src import outside, validate
-from fmu_src.interface import variables
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.scenarios import scenarios
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.validation import outside, validate
+from fmu_src.validation.scenarios import scenarios
+from fmu_src.variables.interface import variables
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.scene import builtin_scenes
 

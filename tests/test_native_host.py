@@ -15,8 +15,8 @@ from conftest import once
 from native_calls import described, library_of
 from support import scene
 
-from fmu_src.interface import variables
-from fmu_src.native_fmu import pack_native_fmu, variables_bin
+from fmu_src.packing.native_fmu import pack_native_fmu, variables_bin
+from fmu_src.variables.interface import variables
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel, to_bytes
 from tensegrity_core.native import build

@@ -18,13 +18,13 @@ from native_calls import Calls
 from support import scene
 
 from fmu_src import build as build_fmu
-from fmu_src import libraries, native_fmu
-from fmu_src.interface import variables
-from fmu_src.libraries import cross_compiled, here, KINDS, PackError
-from fmu_src.native_fmu import pack_native_fmu
-from fmu_src.pack import pack_python_fmu
-from fmu_src.model_description import LOG_CATEGORIES
-from fmu_src.scenarios import pushed_node
+from fmu_src.packing import libraries, native_fmu
+from fmu_src.packing.libraries import KINDS, PackError, cross_compiled, here
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu
+from fmu_src.validation.scenarios import pushed_node
+from fmu_src.variables.interface import variables
+from fmu_src.variables.model_description import LOG_CATEGORIES
 from tensegrity_core.native import build
 
 SCENE, STEPS, STEP, WAVE = "three_bar_nsh", 200, 0.01, 200.0

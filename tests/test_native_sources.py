@@ -20,10 +20,11 @@ from fmpy.model_description import read_build_description
 from lxml import etree
 from support import changed, scene
 
-from fmu_src import outside
-from fmu_src.interface import flat, variables
-from fmu_src.native_fmu import here, pack_native_fmu
-from fmu_src.scenarios import pushed_node
+from fmu_src.packing.libraries import here
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.validation import outside
+from fmu_src.validation.scenarios import pushed_node
+from fmu_src.variables.interface import flat, variables
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.native import build
@@ -260,7 +261,7 @@ def test_terminals_join_variables_of_a_node_or_a_string(name, naming, tmp_path):
 CODE = """
 import sys
 from pathlib import Path
-from fmu_src.native_fmu import pack_native_fmu
+from fmu_src.packing.native_fmu import pack_native_fmu
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 pack_native_fmu(build_model(load_scene(sys.argv[1])), Path(sys.argv[2]), sys.argv[3], sources=sys.argv[4] == "sources")

@@ -25,9 +25,9 @@ from conftest import once  # noqa: E402
 from native_calls import described, library_of  # noqa: E402
 from support import scene  # noqa: E402
 
-from fmu_src.pack import pack_python_fmu  # noqa: E402
-from tensegrity_core.kernel import Kernel  # noqa: E402
-from tensegrity_core.native import build  # noqa: E402
+from fmu_src.packing.pack import pack_python_fmu
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.native import build
 
 HERE = Path(__file__).parent
 #: Of python_host.c.

@@ -15,8 +15,8 @@ import pytest
 from driven_scenes import LABORATORY, built
 from support import scene
 
-from fmu_src.interface import variables
-from fmu_src.model_description import LOG_CATEGORIES
+from fmu_src.variables.interface import variables
+from fmu_src.variables.model_description import LOG_CATEGORIES
 from tensegrity_core.scene import scene_schema
 
 ROOT = Path(__file__).resolve().parent.parent

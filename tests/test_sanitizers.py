@@ -25,8 +25,8 @@ from support import scene  # noqa: E402
 from test_native_host import SANITIZERS, arguments  # noqa: E402
 from test_python_host import surroundings  # noqa: E402
 
-from fmu_src.pack import pack_python_fmu  # noqa: E402
-from tensegrity_core.native import build  # noqa: E402
+from fmu_src.packing.pack import pack_python_fmu
+from tensegrity_core.native import build
 
 HERE = Path(__file__).parent
 linux = sys.platform.startswith("linux")

@@ -7,9 +7,9 @@ import pytest
 from mutations import SCENES, SOURCES, as_fmu, caught, compiled, missed, mutated_library, prepared, with_library
 from test_random_scenes import random_model
 
-from fmu_src.compare import compare
-from fmu_src.trials import AFFORDABLE, DURATION, trials
-from fmu_src.validate import SETTINGS
+from fmu_src.validation.compare import compare
+from fmu_src.validation.trials import AFFORDABLE, DURATION, trials
+from fmu_src.validation.validate import SETTINGS
 from tensegrity_core import kernel, reference
 from tensegrity_core.scene import builtin_scenes
 

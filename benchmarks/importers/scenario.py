@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fmu_src.interface import variables
-from fmu_src.native_fmu import here, pack_native_fmu
-from fmu_src.pack import pack_python_fmu, write_zip
-from fmu_src.reference_cache import cached, reference_key
-from fmu_src.scenarios import LIFT, pushed_node, top_nodes
-from fmu_src.validate import CACHE, SETTINGS
+from fmu_src.packing.libraries import here
+from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.pack import pack_python_fmu, write_zip
+from fmu_src.validation.reference_cache import cached, reference_key
+from fmu_src.validation.scenarios import LIFT, pushed_node
+from fmu_src.validation.validate import CACHE, SETTINGS
+from fmu_src.variables.interface import variables
 from tensegrity_core import kernel, reference
+from tensegrity_core.article.experiments import top_nodes
 from tensegrity_core.model import Inputs, Model, grid, held
 from tensegrity_core.native import build
 from tensegrity_core.scene import load_scene

@@ -19,9 +19,10 @@ from tensegrity_core.files import replacing_folder, write_text
 from tensegrity_core.model import Model, Result
 from tensegrity_core.model.components import flattened
 
-from .interface import Variable, variables
-from .model_description import plain
-from .native_fmu import here, pack_native_fmu
+from ..packing.libraries import here
+from ..packing.native_fmu import pack_native_fmu
+from ..variables.interface import Variable, variables
+from ..variables.model_description import plain
 from .reference_cache import cached, reference_key
 from .scenarios import Scenario, scenarios
 from .validate import SETTINGS, input_values

@@ -23,7 +23,7 @@ from tensegrity_core.errors import TensegrityError
 from tensegrity_core.files import write_bytes
 from tensegrity_core.model import Inputs, Model, Result, Transition
 
-from .closure import import_closure
+from ..packing.closure import import_closure
 
 _MAGIC = b"TSREF001"
 
@@ -60,7 +60,7 @@ def trouble(folder: Path | None) -> str | None:
         return None
     look = folder / f"look-{os.getpid()}"
     try:
-        _write(look, b"")
+        write(look, b"")
         look.unlink()
     except (OSError, TensegrityError) as error:
         return _words(folder, error)
@@ -90,7 +90,7 @@ def cached(
     result = compute()
     if path:
         try:
-            _write(path, _pack(result, key))
+            write(path, _pack(result, key))
         except (OSError, TensegrityError) as error:
             say(_words(folder, error))
     return result, False
@@ -117,6 +117,6 @@ def _unpack(data: bytes, key: str) -> Result | None:
     return Result(transitions=transitions, stats=dict(zip(names.tolist(), values.tolist())), **arrays)
 
 
-def _write(path: Path, data: bytes) -> None:
+def write(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, data)

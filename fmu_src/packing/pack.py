@@ -20,15 +20,15 @@ from tensegrity_core.files import replacing
 from tensegrity_core.kernel import LIBRARY, fnv1a, to_bytes
 from tensegrity_core.model import Model
 
+from ..places import DISTRIBUTION, clone
+from ..variables.documentation import index_html
+from ..variables.drawing import model_png
+from ..variables.interface import Variable, by_reference, variables
+from ..variables.model_description import Experiment, Runtime, content_guid, model_description, plain
 from .closure import import_closure
-from .documentation import index_html
-from .drawing import model_png
-from .interface import Variable, by_reference, variables
 from .libraries import HOSTS, PackError, cross_compiled, here, host_library, on_arm
-from .model_description import Experiment, Runtime, content_guid, model_description, plain
-from .places import DISTRIBUTION, clone
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent.parent
 #: What the FMU's library runs, above the private package.
 MAIN = HERE / "python_runtime" / "main.py"
 CORE = Path(tensegrity_core.__file__).parent
@@ -65,7 +65,7 @@ def python_fmu_files(
 ) -> dict[str, bytes]:
     """Everything in the FMU: path inside the archive -> content.  native, kernels: platform -> library."""
     table = variables(model, naming)
-    core = _core_files(kernels)
+    core = core_files(kernels)
     private = f"tensegrity_core_{_digest(core)[:16]}"
     main = f"{private}_fmu"
     files = {f"resources/{private}/{name}": content for name, content in core.items()}
@@ -147,7 +147,7 @@ def write_zip(destination: Path, files: dict[str, bytes]) -> None:
             archive.writestr(entry, files[name], compresslevel=6)
 
 
-def _core_files(kernels: dict[str, Path]) -> dict[str, bytes]:
+def core_files(kernels: dict[str, Path]) -> dict[str, bytes]:
     """The private package: the kernel's Python half and what it imports, its C libraries, the runtime, pythonfmu."""
     sources, foreign = import_closure(CORE, "kernel", "errors")
     if foreign - {"numpy"}:

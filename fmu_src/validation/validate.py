@@ -25,10 +25,10 @@ from tensegrity_core.fields import layout
 from tensegrity_core.files import replacing, scratch, write_bytes, write_text
 from tensegrity_core.model import Model, Result, Transition
 
+from ..places import kept
+from ..variables.interface import Variable, variables
 from .compare import Comparison, compare, series
-from .interface import Variable, variables
 from .outside import WITH_PARENT
-from .places import kept
 from .reference_cache import cached, reference_key
 from .scenarios import Scenario
 from .sensitivity import Spread, spreads

@@ -15,7 +15,7 @@ from tensegrity_core.fields import COMPARED, FIELDS, outputs
 from tensegrity_core.model import Model, Result, Transition
 from tensegrity_core.model.components import spread
 
-from .interface import Variable
+from ..variables.interface import Variable
 from .sensitivity import JUMPING, OUTPUTS, Spread, away, match, near_transitions
 
 #: The bound in terms of the spread, which a few directions of the start error may miss by so much.

@@ -21,10 +21,10 @@ from tensegrity_core.kernel import fnv1a, to_bytes
 from tensegrity_core.model import Model
 from tensegrity_core.native import build
 
-from . import terminals
-from .interface import Variable, by_reference, variables
+from ..variables import terminals
+from ..variables.interface import Variable, by_reference, variables
+from ..variables.model_description import Runtime, build_description, plain
 from .libraries import PackError, cross_compiled, here, host_library, on_arm
-from .model_description import Runtime, build_description, plain
 from .pack import complete, write_zip
 
 #: Stands above the kernel's public header in sources/, because importers pass no definitions for FMI 2.0.

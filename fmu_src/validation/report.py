@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 import tensegrity_core
 from tensegrity_core.files import write_text
 
+from ..places import clone
+from ..variables.documentation import environment
 from . import compare
-from .documentation import environment
-from .places import clone
 from .sensitivity import WINDOW
 from .validate import TIGHT, Run, Validation, reference_settings
 

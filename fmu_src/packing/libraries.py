@@ -14,9 +14,9 @@ from tensegrity_core.errors import TensegrityError
 from tensegrity_core.files import replacing_folder
 from tensegrity_core.native import build
 
-from .places import clone, kept
+from ..places import clone, kept
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent.parent
 
 #: FMI's name of the platform by (sys.platform, machine).
 HOSTS = {

@@ -1,0 +1,1 @@
+"""What goes into an FMU, and the archive itself: the same content gives the same bytes."""

@@ -1,0 +1,1 @@
+"""FMUs from outside: what they are run under, the reference under the same inputs, the comparison, the report."""
