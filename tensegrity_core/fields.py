@@ -5,9 +5,9 @@ of `FIELDS`; a variable's index in that block is its value reference in both FMU
 block, in the order of `INTEGER_FIELDS`; their value references follow those of the reals.
 
 Adding an output: its row here, then ``python -m tensegrity_core.fields`` (rewrites native/fields.h); its value in the kernel,
-native/outputs.c, and its value in the reference, `reference._Run._record`.  Everything else follows: the FMUs' variables, their
-description and documentation, results and their files, validation.  An input or a parameter: its row, where native/ reads it,
-and where `model` starts it.
+native/outputs.c, and its value in the reference, `reference.run._Run._record`.  Everything else follows: the FMUs'
+variables, description and documentation, results and their files, validation.  An input or a parameter: its row, where native/
+reads it, and where `kernel.packing` starts it.
 
 This module imports nothing, so that the build can run it.
 """
@@ -206,8 +206,8 @@ def require_complete(fields: tuple[Field, ...] = FIELDS + INTEGER_FIELDS) -> Non
         if field.role not in ("input", "tunable", "fixed", "output") or not set(field.shape) <= set(COUNTS):
             raise ValueError(f"fields.py: {field.name!r} has the role {field.role!r} and the shape {field.shape!r}; see Field")
         if (field.role == "output") != (field.compared in COMPARED):
-            raise ValueError(f"fields.py: compared = {field.compared!r} of {field.name!r}; an output, and nothing else, has one of "
-                             f"{', '.join(COMPARED)}")  # fmt: skip
+            known = ", ".join(COMPARED)
+            raise ValueError(f"fields.py: {field.name!r}: compared = {field.compared!r}; an output, and nothing else, has one of {known}")
         if names.count(field.name) > 1 or (field.rate_of and field.rate_of not in names):
             raise ValueError(f"fields.py: {field.name!r} stands there twice, or is the rate of an unknown field")
 
@@ -231,8 +231,8 @@ def c_header() -> str:
         lines.append(f"#define {macro}(X) \\")
         for field in fields:
             shape = [f"TS_{letter}" for letter in field.shape] + ["-1", "-1"]
-            low = "-INFINITY" if field.low is None else repr(field.low)
-            high = "INFINITY" if field.high is None else repr(field.high)
+            low = "-DBL_MAX" if field.low is None else repr(field.low)
+            high = "DBL_MAX" if field.high is None else repr(field.high)
             row = f"    X({prefix}{field.name.upper()}, TS_ROLE_{field.role.upper()}, {shape[0]}, {shape[1]}, {low}, {high})"
             lines.append(f"{row} /* {field.unit}: {field.meaning} */ \\")
         lines.append("")

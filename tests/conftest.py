@@ -124,7 +124,7 @@ def instances(folders, pack):
 @pytest.fixture(scope="session")
 def tools(tmp_path_factory):
     """The compiled peers of the benchmarks, see benchmarks/peers/toolchain.py; for tests that have benchmarks/ on their path."""
-    from peers import toolchain
+    from benchmarks.peers import toolchain
 
     def make(folder):
         folder.mkdir()

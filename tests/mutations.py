@@ -29,6 +29,7 @@ from fmu_src.validation.trials import trials
 from fmu_src.validation.validate import START_ERROR, TIGHT
 from tensegrity_core import kernel, laws
 from tensegrity_core.errors import TensegrityError
+from tensegrity_core.kernel import binding
 from tensegrity_core.model import Model, Result
 from tensegrity_core.native import build
 from tensegrity_core.scene import builtin_scenes
@@ -203,14 +204,14 @@ def mutated_library(folder: Path, name: str | None, right: Path) -> Path:
 
 def with_library(library: Path):
     """wrong_run for `caught`, with another library."""
-    usual = kernel.load_library
+    usual = binding.load_library
 
     def run(one: Scenario, tolerance: float) -> Result:
-        kernel.load_library = lambda path=None: usual(library)
+        binding.load_library = lambda path=None: usual(library)
         try:
             return kernel.simulate(one.model, one.inputs, tolerance=tolerance)
         finally:
-            kernel.load_library = usual
+            binding.load_library = usual
 
     return run
 

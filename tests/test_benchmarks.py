@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import scene
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "benchmarks"))
+from benchmarks.article import equilibrium_paths
+from benchmarks.harness import machine, problems
+from benchmarks.peers import native, toolchain
+from benchmarks.peers.ladder import Ladder, Run, too_long
+from benchmarks.speed import fmu_speed, growth, method_choice, scene_costs, speed, unused_parts
+from benchmarks.work_precision import data, figures, nsh, report, targets
+from benchmarks.work_precision import run as work_precision
 
-import equilibrium_paths  # noqa: E402
-import growth  # noqa: E402
-import machine  # noqa: E402
-import method_choice  # noqa: E402
-import problems  # noqa: E402
-import scene_costs  # noqa: E402
-import fmu_speed  # noqa: E402
-import speed  # noqa: E402
-import unused_parts  # noqa: E402
-import work_precision  # noqa: E402
-import work_precision_data as data  # noqa: E402
-import work_precision_figures as figures  # noqa: E402
-import work_precision_nsh as nsh  # noqa: E402
-import work_precision_report as report  # noqa: E402
-import work_precision_targets as targets  # noqa: E402
-from peers import native, toolchain  # noqa: E402
-from peers.ladder import Ladder, Run, too_long  # noqa: E402
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def bench(name: str, tools: toolchain.Tools, folder: Path) -> native.Bench:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +12,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from benchmarks.article import claims, claims_page, measures, variants
+from benchmarks.article import experiments as article_page
 from tensegrity_core import cli, kernel, statics
 from tensegrity_core.article import experiments, one_dimensional
 from tensegrity_core.article.figures import FIGURES
@@ -23,10 +24,6 @@ from tensegrity_core.reference import equations
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-from article import claims, claims_page, measures, variants  # noqa: E402
-from article import experiments as article_page  # noqa: E402
 
 # --- closed forms ------------------------------------------------------------------------------------------------
 

@@ -163,7 +163,7 @@ def test_a_new_file_that_is_taken_for_a_leftover_is_made_anew(tmp_path, monkeypa
             files.remove_leftovers(tmp_path)
         return plain(handle)
 
-    monkeypatch.setattr(files, "_locked", slow)
+    monkeypatch.setattr(files, "locked", slow)
     write_text(tmp_path / "mine", "text")
     assert len(taken) == 1 and content(tmp_path) == {"mine": "text"}
 

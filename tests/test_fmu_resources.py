@@ -20,10 +20,9 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
-from native_calls import ERROR, Calls  # noqa: E402
-from support import scene  # noqa: E402
+from native_calls import ERROR, Calls
+from support import scene
 
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu

@@ -187,7 +187,7 @@ def other_version(monkeypatch, destination):
         )
         return files
 
-    monkeypatch.setattr(pack, "_core_files", changed)
+    monkeypatch.setattr(pack, "core_files", changed)
     return pack_python_fmu(scene("two_bar"), destination)
 
 

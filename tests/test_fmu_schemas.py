@@ -6,7 +6,6 @@ The schemas are those that fmpy brings; the rules, those by which fmpy's validat
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Iterator
 from functools import lru_cache
@@ -18,11 +17,10 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
-import driven_scenes  # noqa: E402
-import element_scenes  # noqa: E402
-from support import scene  # noqa: E402
+import driven_scenes
+import element_scenes
+from support import scene
 
 from fmu_src.packing.actuator import detached
 from fmu_src.packing.libraries import here, host_library

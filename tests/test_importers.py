@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.importers import page, run, scenario
+from benchmarks.importers.environments import last_words
+from benchmarks.importers.tools import TOOLS, Tool
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-from importers import page, run, scenario  # noqa: E402
-from importers.environments import last_words  # noqa: E402
-from importers.tools import TOOLS, Tool  # noqa: E402
-
 ENDS_BADLY = """
 import sys, json
 json.dump({"rows": [], "first": 0, "note": ""}, open(sys.argv[1], "w"))

@@ -1,24 +1,20 @@
 """docs/memory.md: what its script measures, at reduced size, and the page against its data."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT / "benchmarks")]
-
-from article import measures, memory, memory_loops, memory_runs, variants  # noqa: E402
-
+from benchmarks.article import measures, memory, memory_loops, memory_runs, variants
 from tensegrity_core import laws, statics
 from tensegrity_core.article import experiments
 from tensegrity_core.model.elements import Beam, Series, Spring
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 
+ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 
 

@@ -1,24 +1,20 @@
-"""`auto` against the methods that it chooses from, by counted work: times belong to benchmarks/method_choice.py."""
+"""`auto` against the methods that it chooses from, by counted work: times belong to benchmarks/speed/method_choice.py."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from driven_scenes import MAST, built
 from support import scene
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
-import method_choice  # noqa: E402
-import method_choice_cells as cells  # noqa: E402
-
-from tensegrity_core.files import scratch  # noqa: E402
-from tensegrity_core.kernel import Kernel  # noqa: E402
+from benchmarks.speed import method_choice
+from benchmarks.speed import method_choice_cells as cells
+from tensegrity_core.files import scratch
+from tensegrity_core.kernel import Kernel
 
 #: Right-hand sides that a factorisation with its solutions costs, on scenes of two and three bars.
 FACTORISATION = 4.0

@@ -21,9 +21,8 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
-from native_calls import DISCARD, ERROR, FATAL, LAST_SUCCESSFUL_TIME, OK, WARNING, Calls  # noqa: E402
+from native_calls import DISCARD, ERROR, FATAL, LAST_SUCCESSFUL_TIME, OK, WARNING, Calls
 
 EXAMPLES, CALLS = 60, 60
 LARGEST = sys.float_info.max

@@ -18,12 +18,11 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
-import test_native_host  # noqa: E402
-from conftest import once  # noqa: E402
-from native_calls import described, library_of  # noqa: E402
-from support import scene  # noqa: E402
+import test_native_host
+from conftest import once
+from native_calls import described, library_of
+from support import scene
 
 from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core.kernel import Kernel

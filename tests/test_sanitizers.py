@@ -17,13 +17,12 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
-from conftest import once  # noqa: E402
-from native_calls import library_of  # noqa: E402
-from support import scene  # noqa: E402
-from test_native_host import SANITIZERS, arguments  # noqa: E402
-from test_python_host import surroundings  # noqa: E402
+from conftest import once
+from native_calls import library_of
+from support import scene
+from test_native_host import SANITIZERS, arguments
+from test_python_host import surroundings
 
 from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core.native import build

@@ -10,28 +10,27 @@ import numpy as np
 import pytest
 from support import changed, push, scene
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "benchmarks" / "stability"))
-
-import all as every  # noqa: E402
-import branch_two  # noqa: E402
-import common  # noqa: E402
-import drift  # noqa: E402
-import extremes  # noqa: E402
-import fixed_cost  # noqa: E402
-import formulations  # noqa: E402
-import maps  # noqa: E402
-import methods  # noqa: E402
-import one_beam  # noqa: E402
-import pushed_run  # noqa: E402
-import spectrum  # noqa: E402
-
+from benchmarks.harness import page as common
+from benchmarks.stability import (
+    branch_two,
+    drift,
+    extremes,
+    fixed_cost,
+    formulations,
+    maps,
+    methods,
+    one_beam,
+    pushed_run,
+    spectrum,
+)
+from benchmarks.stability import all as every
 from tensegrity_core.errors import InputError
 from tensegrity_core.laws import nsh as law
 from tensegrity_core.reference import equations, instant, structure
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 
+ROOT = Path(__file__).resolve().parent.parent
 STUDIES = {"drift": drift, "maps": maps, "branch_two": branch_two, "fixed_cost": fixed_cost, "extremes": extremes}
 
 
@@ -250,10 +249,10 @@ def test_a_run_is_long_enough_to_show_a_growth_at_every_step_of_the_maps():
 
 def test_far_beyond_its_boundary_a_step_ends_in_an_answer():
     """Not in a crash, so it runs in a process of its own; the map's corner at d = 1e4, 45 times the stable step."""
-    code = ("import maps\n"
+    code = ("from benchmarks.stability import maps\n"
             "model = maps.at(maps.base('three_bar'), 'damping', 1e4)\n"
             "print([maps.is_stable(model, 'rk4', h) for h in (3.1622776601683794e-3, 0.1)])")  # fmt: skip
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "benchmarks" / "stability", capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout.strip()) == (0, "[False, False]"), done.stderr[-2000:]
 
 
@@ -401,7 +400,7 @@ def test_the_snap_converges_at_the_methods_order(method, order):
 
 
 def test_with_strong_damping_stability_bounds_rk4s_step_before_accuracy_does():
-    step, edge = branch_two.resolving_step("rk4", 10.0), branch_two._edge_of_rk4(10.0)
+    step, edge = branch_two.resolving_step("rk4", 10.0), branch_two.edge_of_rk4(10.0)
     assert step == pytest.approx(edge, rel=0.1)
     assert branch_two.step_error(branch_two.snap(10.0), "rk4", 0.8 * edge)["error"] < 1e-4
     assert branch_two.resolving_step("rk4", 0.0) > 10.0 * step
@@ -417,7 +416,7 @@ def plain_steps(c, method, h, steps):
         return np.array([y[1], (c.load - float(one_beam.force(y[0])) - c.damping * y[1]) / c.mass])
 
     def jacobian(y):
-        return branch_two._damping_part(stiffness(y[0]) / c.mass, c.damping / c.mass)
+        return branch_two.damping_part(stiffness(y[0]) / c.mass, c.damping / c.mass)
 
     states = [np.array([one_beam.EDGE.u_max, 0.0])]
     for _ in range(steps):
@@ -472,7 +471,7 @@ def row_of(rows, **wanted):
 
 
 def test_one_command_runs_every_study():
-    folder = Path(common.__file__).parent
+    folder = Path(every.__file__).parent
     written = {path.stem for path in folder.glob("*.py") if "def measure(" in path.read_text(encoding="utf-8")}
     assert written == set(every.STUDIES)
     page = (ROOT / "docs" / "stability.md").read_text(encoding="utf-8")

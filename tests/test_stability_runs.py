@@ -1,25 +1,19 @@
 """The stability studies on order, long runs and missed events: what they measure meets theory, and can fail."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "benchmarks" / "stability"))
 
-import common  # noqa: E402
-import long_runs  # noqa: E402
-import missed  # noqa: E402
-import order  # noqa: E402
-import problems  # noqa: E402
-from peers import native, scipy_compiled, toolchain  # noqa: E402
-from support import drawn  # noqa: E402
+from support import drawn
 
-from tensegrity_core.kernel import Kernel  # noqa: E402
+from benchmarks.harness import problems
+from benchmarks.harness import page as common
+from benchmarks.peers import native, scipy_compiled, toolchain
+from benchmarks.stability import long_runs, missed, order
+from tensegrity_core.kernel import Kernel
 
 
 # --- order at transitions ------------------------------------------------------------------------------------------

@@ -7,26 +7,24 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
-import machine  # noqa: E402
-from article import claims as rules  # noqa: E402
-from article.claims import CLAIMS, NO, NUMBERED, PARTLY, YES, Claim, swing, way  # noqa: E402
-from article.measures import measure, REPEATED_SECONDS  # noqa: E402
-from article.variants import VARIANTS  # noqa: E402
-from matplotlib.colors import ListedColormap  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-from matplotlib.patches import Patch  # noqa: E402
-from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
-
+from benchmarks.harness import machine
+from benchmarks.harness.page import new_figure, plain, save, style, table, wrapped
 from tensegrity_core.article.experiments import LIFTS
 from tensegrity_core.files import write_text
 
+from . import claims as rules
+from .claims import CLAIMS, NO, NUMBERED, PARTLY, YES, Claim, swing, way
+from .measures import REPEATED_SECONDS, measure
+from .variants import VARIANTS
+
+ROOT = Path(__file__).resolve().parent.parent.parent
 DAMPINGS = (50, 500, 5000)
 TITLES = {
     "statics": "Systems and honeycomb (section III)",
@@ -253,7 +251,7 @@ def report(data: dict) -> str:
             blocks.append("![Swing and string force against the damping](figures/claims_damping.png)")
     blocks.append(
         f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers "
-        "stand in [claims.json](claims.json). Written by `python benchmarks/article/claims_page.py`; `--redraw` writes page "
+        "stand in [claims.json](claims.json). Written by `python -m benchmarks.article.claims_page`; `--redraw` writes page "
         "and figures again from that file (SVG: [verdicts](figures/claims.svg), [damping](figures/claims_damping.svg))."
     )
     return "\n\n".join(wrapped(block) for block in blocks) + "\n"

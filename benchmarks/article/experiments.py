@@ -12,19 +12,17 @@ import sys
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import machine  # noqa: E402
-from article.claims_page import repeats_text  # noqa: E402
-from article.measures import repeats  # noqa: E402
-from stability.common import plain, wrapped  # noqa: E402
-
+from benchmarks.harness import machine
+from benchmarks.harness.page import plain, wrapped
 from tensegrity_core.article.experiments import EXPERIMENTS, SYSTEMS
 from tensegrity_core.article.figures import FIGURES, write_figures
 from tensegrity_core.files import write_text
 from tensegrity_core.output.export import write_columns
 
+from .claims_page import repeats_text
+from .measures import repeats
+
+ROOT = Path(__file__).resolve().parent.parent.parent
 #: Experiment -> title and what is done.
 SECTIONS = {
     "beam": (
@@ -93,7 +91,7 @@ def report(data: dict) -> str:
         blocks += [f"## {title}", text, *pictures, table, *more, files]
     blocks.append(
         f"Computed at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']} s. Written by "
-        "`python benchmarks/article/experiments.py`; each PNG has an SVG beside it."
+        "`python -m benchmarks.article.experiments`; each PNG has an SVG beside it."
     )
     return "\n\n".join(block if block.startswith("```") else wrapped(block) for block in blocks) + "\n"
 

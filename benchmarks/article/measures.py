@@ -7,15 +7,10 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.signal import find_peaks
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-from article.variants import BASE, VARIANTS, Variant  # noqa: E402
 
 from tensegrity_core import kernel, laws
 from tensegrity_core.article import experiments
@@ -24,6 +19,8 @@ from tensegrity_core.laws import nsh
 from tensegrity_core.model import Model, Result
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
+
+from .variants import BASE, VARIANTS, Variant
 
 PLAIN, NSH = "plain", "nsh"
 SUFFIX = {PLAIN: "", NSH: "_nsh"}

@@ -14,13 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+from benchmarks.harness import machine
+from benchmarks.harness.page import plain, save, style, table, wrapped
+from tensegrity_core.article.experiments import DAMPINGS, LIFTS
+from tensegrity_core.files import write_text
+from tensegrity_core.laws import nsh
+from tensegrity_core.model.elements import Series
+from tensegrity_core.output.export import write_columns
 
-import machine  # noqa: E402
-from article.claims import NUMBERED, SYSTEMS  # noqa: E402
-from article.memory_figures import FIGURES  # noqa: E402
-from article.memory_loops import (  # noqa: E402
+from .claims import NUMBERED, SYSTEMS
+from .memory_figures import FIGURES
+from .memory_loops import (
     CELL_REACH,
     CELL_STIFFNESS,
     CLOSED,
@@ -38,7 +42,7 @@ from article.memory_loops import (  # noqa: E402
     swept,
     tested,
 )
-from article.memory_runs import (  # noqa: E402
+from .memory_runs import (
     APART,
     LAWS,
     LEDGER_DURATION,
@@ -51,14 +55,8 @@ from article.memory_runs import (  # noqa: E402
     ledger,
     second_experiment,
 )
-from stability.common import plain, save, style, table, wrapped  # noqa: E402
 
-from tensegrity_core.article.experiments import DAMPINGS, LIFTS
-from tensegrity_core.files import write_text
-from tensegrity_core.laws import nsh
-from tensegrity_core.model.elements import Series
-from tensegrity_core.output.export import write_columns
-
+ROOT = Path(__file__).resolve().parent.parent.parent
 #: Digits of the numbers in the file: enough for the energy accounts.
 DIGITS = 12
 NAMES = {"base": "the article's NSH", "series": "single-valued, k in series", "memory": "with memory"}
@@ -386,7 +384,7 @@ def report(data: dict, series: dict) -> str:
         f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers "
         "stand in [memory.json](memory.json), the series in CSV files: "
         + ", ".join(f"[{name}](figures/memory_{name}.csv)" for name in series)
-        + ". Written by `python benchmarks/article/memory.py`; `--redraw` writes page and figures again from those files; each "
+        + ". Written by `python -m benchmarks.article.memory`; `--redraw` writes page and figures again from those files; each "
         "PNG has an SVG beside it.",
     ]  # fmt: skip
     return "\n\n".join(filled(block) for block in blocks) + "\n"

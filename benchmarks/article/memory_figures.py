@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-from article.claims import SYSTEMS  # noqa: E402
-from article.memory_loops import CLOSED, REACH, STIFFNESS, single_valued  # noqa: E402
-from stability.common import COLOURS, new_figure  # noqa: E402
-
+from benchmarks.harness.page import COLOURS, new_figure
 from tensegrity_core.article.experiments import DAMPINGS
+
+from .claims import SYSTEMS
+from .memory_loops import CLOSED, REACH, STIFFNESS, single_valued
 
 INK, RED, TEAL, YELLOW, GREY, VIOLET = COLOURS
 #: Law -> label and colour.

@@ -5,17 +5,13 @@ The kernel pulls a string in a testing machine: between a wall and a node that i
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from tensegrity_core import laws
 from tensegrity_core.article import experiments

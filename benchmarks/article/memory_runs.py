@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-from article import measures  # noqa: E402
-from article.claims import NUMBERED  # noqa: E402
-from article.variants import BASE, HYSTERETIC, SINGLE_VALUED  # noqa: E402
 
 from tensegrity_core import laws
 from tensegrity_core.article import experiments
 from tensegrity_core.kernel import simulate
 from tensegrity_core.laws.curves import HeldCurve
 from tensegrity_core.model import Inputs, Model, Result, held
+
+from . import measures
+from .claims import NUMBERED
+from .variants import BASE, HYSTERETIC, SINGLE_VALUED
 
 #: Slow ramp of experiment I: largest lift and steps, N; how long each step is held, s.
 RAMP_TOP, RAMP_STEP, RAMP_HOLD = 72.0, 0.5, 4.0

@@ -6,15 +6,11 @@ numbers.  Here is also the NSH's law with the string's own stiffness in series, 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from tensegrity_core import statics
 from tensegrity_core.article import experiments
@@ -172,7 +168,6 @@ def top_tension(value: float) -> Callable[[dict], dict]:
 def level(factor: float) -> Callable[[dict], dict]:
     """Of the six-bar system's tensions; other scenes as they are."""
     return lambda tension: {k: factor * v for k, v in tension.items()} if len(tension) == 21 else tension
-
 
 
 # --- the variants ---------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Run both FMUs in every importer: ``python benchmarks/importers/run.py`` writes docs/importers.json and docs/importers.md.
+"""Run both FMUs in every importer: ``python -m benchmarks.importers.run`` writes docs/importers.json and docs/importers.md.
 
 Needs the network (PyPI, and for some tools Maven Central or Debian) at the first call, some minutes; environments stay in
 build/importers.  A tool that cannot be installed, or that refuses an FMU, is a row and no failure.
@@ -16,16 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.harness import machine
+from tensegrity_core.files import scratch, write_text
+from tensegrity_core.model import Model
+
+from . import environments, page, scenario
+from .tools import TOOLS, Tool
+
 ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import machine  # noqa: E402
-from importers import environments, page, scenario  # noqa: E402
-from importers.tools import TOOLS, Tool  # noqa: E402
-
-from tensegrity_core.files import scratch, write_text  # noqa: E402
-from tensegrity_core.model import Model  # noqa: E402
-
 BASE = ROOT / "build" / "importers"
 DRIVERS = Path(__file__).resolve().parent / "drivers"
 #: Wall time of one run, s.

@@ -8,7 +8,7 @@ import time
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from problems import INSTANTS, Problem
+from benchmarks.harness.problems import INSTANTS, Problem
 from tensegrity_core.reference import equations, instant, structure
 
 from .ladder import Clock, Ladder, Run, tolerances

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from problems import INSTANTS, Problem
+from benchmarks.harness.problems import INSTANTS, Problem
 
 from .ladder import Clock, Ladder, Run, fixed_steps
 

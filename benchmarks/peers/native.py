@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from problems import INSTANTS, Problem
+from benchmarks.harness.problems import INSTANTS, Problem
 from tensegrity_core.fields import METHODS
 from tensegrity_core.files import write_bytes
 from tensegrity_core.kernel import to_bytes

@@ -9,7 +9,7 @@ from ctypes import POINTER, c_char_p, c_double, c_int, c_int32, c_void_p
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from problems import INSTANTS
+from benchmarks.harness.problems import INSTANTS
 
 from .ladder import Clock, Ladder, Run, tolerances
 from .native import Bench

@@ -1,6 +1,6 @@
 """Branch II of a negative stiffness beam under force and displacement control: the snap's time and the step it needs.
 
-python benchmarks/stability/branch_two.py [--redraw]
+python -m benchmarks.stability.branch_two [--redraw]
 """
 
 from __future__ import annotations
@@ -8,22 +8,38 @@ from __future__ import annotations
 import math
 from typing import Callable, NamedTuple
 
-import common
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from methods import METHODS
-from one_beam import (
-    EDGE, KAPPA, LEVER, ZETA, Case, H, Path, Q, case, crossing, force, growth, jump_under_winding, run, snap_time,
-    snap_time_overdamped, snap_time_undamped,
-)  # fmt: skip
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from benchmarks.harness import page as common
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.laws.nsh import beam_displacement, beam_extrema
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
+
+from .methods import METHODS
+from .one_beam import (
+    EDGE,
+    KAPPA,
+    LEVER,
+    ZETA,
+    Case,
+    H,
+    Path,
+    Q,
+    case,
+    crossing,
+    force,
+    growth,
+    jump_under_winding,
+    run,
+    snap_time,
+    snap_time_overdamped,
+    snap_time_undamped,
+)
 
 MASSES = (0.3, 3.0, 30.0)
 DELTAS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -124,7 +140,7 @@ def stepped(c: Case, method: str, h: float, duration: float) -> Path:
     return run(c, EDGE.u_max, steps * h, steps, method=method, max_step=h)
 
 
-def _damping_part(stiffness: float, damping: float) -> np.ndarray:
+def damping_part(stiffness: float, damping: float) -> np.ndarray:
     """What the kernel's ROS2 keeps of the Jacobian of u'' = -stiffness u - damping u': no negative stiffness."""
     return np.array([[0.0, 1.0], [-max(stiffness, 0.0), -damping]])
 
@@ -132,7 +148,7 @@ def _damping_part(stiffness: float, damping: float) -> np.ndarray:
 def stepped_growth(method: str, delta: float, step: float) -> float:
     """Growth rate that a method gives the motion about u = h, relative to the true one; step in units of 1/r."""
     A, h = np.array([[0.0, 1.0], [1.0, -delta]]), step / float(growth(delta))
-    J = _damping_part(-1.0, delta)
+    J = damping_part(-1.0, delta)
     columns = [METHODS[method].step(lambda y: A @ y, lambda y: J, y, h) for y in np.eye(2)]
     factors = np.linalg.eigvals(np.array(columns).T)
     near = factors[np.argmin(np.abs(factors - np.exp(step)))]
@@ -331,8 +347,8 @@ def _draw_steps(ax, rows) -> None:
             ax.plot(steps, errors, mark, color=colour, fillstyle="none")
             ax.plot(steps[np.isnan(errors)], np.full(np.isnan(errors).sum(), 3.0), "x", color=colour)
     for delta, colour in DELTA_COLOUR.items():
-        if _edge_of_rk4(delta) < span[-1]:
-            ax.axvline(_edge_of_rk4(delta), color=colour, lw=0.9, ls=":")
+        if edge_of_rk4(delta) < span[-1]:
+            ax.axvline(edge_of_rk4(delta), color=colour, lw=0.9, ls=":")
     handles = [Line2D([], [], ls="", marker=mark, mfc="none", color="black", label=METHODS[name].label)
                for name, mark in METHOD_MARK.items()]  # fmt: skip
     handles += [Line2D([], [], ls="", marker="o", color=c, label=f"δ = {d:g}") for d, c in DELTA_COLOUR.items()]
@@ -345,7 +361,7 @@ def _draw_steps(ax, rows) -> None:
     ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
 
 
-def _edge_of_rk4(delta: float) -> float:
+def edge_of_rk4(delta: float) -> float:
     """Step, in 1/r, at which RK4 leaves its region of stability by the damped root at u = h: R(z) = 1 at z = -2.785."""
     edge = brentq(lambda z: METHODS["rk4"].stability(z) - 1.0, -3.0, -2.5)
     return edge / (-delta - float(growth(delta))) * float(growth(delta))

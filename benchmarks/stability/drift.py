@@ -1,22 +1,23 @@
 """Drift of the bars' lengths under the article's formulation, beside the exact projector and projection.
 
-python benchmarks/stability/drift.py [--redraw]
+python -m benchmarks.stability.drift [--redraw]
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import common
 import numpy as np
-from formulations import Motion, growth_rate, problem
 from matplotlib.figure import Figure
-from problems import PUSH_ASIDE, PUSH_UP, push
 from scipy.integrate import DOP853, RK45
 
+from benchmarks.harness import page as common
+from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP, push
 from tensegrity_core.model import Model
 from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import build_model, member_forces
+
+from .formulations import Motion, growth_rate, problem
 
 #: e / l^2 at which a run counts as inaccurate, and as failed: its integration ends there.
 LIMITS = (1e-3, 1e-1)

@@ -1,6 +1,6 @@
 """Extreme parameters on every method: the run finishes, with its error, or stops with a named error.
 
-python benchmarks/stability/extremes.py [--redraw]
+python -m benchmarks.stability.extremes [--redraw]
 """
 
 from __future__ import annotations
@@ -8,17 +8,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Callable, NamedTuple
 
-import common
 import numpy as np
-from maps import base
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from problems import PUSH_ASIDE, PUSH_UP
-from pushed_run import Run, deviation, run
-from spectrum import retuned
 
+from benchmarks.harness import page as common
+from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP
 from tensegrity_core.fields import METHODS
 from tensegrity_core.model import Model
+
+from .maps import base
+from .pushed_run import Run, deviation, run
+from .spectrum import retuned
 
 DURATION, POINTS = 1.0, 20
 #: The tolerance of the methods with an error test; the step of the others, s.

@@ -1,6 +1,6 @@
 """ROS2 at a fixed step on pushed scenes, strings going slack and taut: whether its energy stays bounded, and its error.
 
-python benchmarks/stability/fixed_cost.py [--redraw]
+python -m benchmarks.stability.fixed_cost [--redraw]
 
 Linear theory knows no bound of its step (see maps.py), transitions are not linear.  Under constant forces the exact motion
 never raises kinetic + potential + elastic energy less the forces' work, so what a run gains there is the method's doing.
@@ -8,14 +8,16 @@ never raises kinetic + potential + elastic energy less the forces' work, so what
 
 from __future__ import annotations
 
-import common
 import numpy as np
-from maps import base
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from problems import PUSH_ASIDE, PUSH_UP
-from pushed_run import Run, deviation, run
-from spectrum import retuned
+
+from benchmarks.harness import page as common
+from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP
+
+from .maps import base
+from .pushed_run import Run, deviation, run
+from .spectrum import retuned
 
 SCENES = ("three_bar", "two_bar", "six_bar")
 #: The step on the maps, s; damping (N s/m) and stiffness (N/m) there; the duration (s) and its communication points.

@@ -1,6 +1,6 @@
 """Long runs without damping: energy and momentum of a free prism over 1e5 periods of its breathing mode.
 
-python benchmarks/stability/long_runs.py [--redraw]
+python -m benchmarks.stability.long_runs [--redraw]
 """
 
 from __future__ import annotations
@@ -9,18 +9,19 @@ import re
 from dataclasses import replace
 from typing import Callable, NamedTuple
 
-import common
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from methods import METHODS
-from problems import prism
-from spectrum import coordinates, kernel_at, node_tangent
 
-from tensegrity_core.native import build
+from benchmarks.harness import page as common
+from benchmarks.harness.problems import prism
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
+from tensegrity_core.native import build
+
+from .methods import METHODS
+from .spectrum import coordinates, kernel_at, node_tangent
 
 PERIODS, INSTANTS = 1e5, 60
 NATIVE = build.HERE

@@ -1,6 +1,6 @@
 """Largest stable step of the fixed-step methods over damping and stiffness, against the linearised spectrum.
 
-python benchmarks/stability/maps.py [--redraw]
+python -m benchmarks.stability.maps [--redraw]
 
 A run of the kernel starts a hair away from a taut equilibrium; its step (max_step) is stable if the hair does not grow.
 """
@@ -10,18 +10,19 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import common
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from methods import METHODS, boundary
-from spectrum import eigenvalues, kernel_at, node_tangent, retuned
 
+from benchmarks.harness import page as common
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.model import Model
 from tensegrity_core.reference import instant, structure
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
+
+from .methods import METHODS, boundary
+from .spectrum import eigenvalues, kernel_at, node_tangent, retuned
 
 SCENES = ("three_bar", "two_bar")
 #: Methods of `METHODS` that are measured, as the kernel names them.

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Callable, NamedTuple
 
-import common  # noqa: F401  (puts the project on the path)
+
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 

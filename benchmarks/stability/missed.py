@@ -1,6 +1,6 @@
 """Missed events: short excursions of one string that event handling at step ends does not see.
 
-python benchmarks/stability/missed.py [--redraw]
+python -m benchmarks.stability.missed [--redraw]
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Callable, NamedTuple
 
-import common
 import numpy as np
-import problems
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from peers import native, scipy_compiled, toolchain
 
-from tensegrity_core.files import scratch  # noqa: E402
+from benchmarks.harness import problems
+from benchmarks.harness import page as common
+from benchmarks.peers import native, scipy_compiled, toolchain
+from tensegrity_core.files import scratch
 from tensegrity_core.kernel import Kernel
 
 #: The graze: a push that only just makes one string go slack, once.  DAMPING: N s/m; DURATION: s, the excursion is inside.

@@ -17,7 +17,6 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-import common  # noqa: F401  (puts the project on the path)
 import numpy as np
 from scipy.integrate import quad, solve_ivp
 

@@ -1,18 +1,18 @@
 """Order collapse at transitions: each method's error against its step, with the transitions located and stepped across.
 
-python benchmarks/stability/order.py [--redraw]
+python -m benchmarks.stability.order [--redraw]
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import common
 import numpy as np
-import problems
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from benchmarks.harness import problems
+from benchmarks.harness import page as common
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.kernel import Kernel
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import common  # noqa: F401  (puts the project on the path)
 import numpy as np
-from problems import kernel_force, push
 
+from benchmarks.harness.problems import kernel_force, push
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model

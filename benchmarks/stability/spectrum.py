@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import common  # noqa: F401  (puts the project on the path)
 import numpy as np
 
 from tensegrity_core.errors import InputError

@@ -112,7 +112,7 @@ static int accept(ts_sim *sim, int field, double x)
     double low = bounds[field].low, high = bounds[field].high;
     if (isfinite(x) && x >= low && x <= high) return 1;
     if (!isfinite(x)) say(sim, "is not a finite number");
-    else if (high < INFINITY) snprintf(sim->message, sizeof sim->message, "must lie between %g and %g", low, high);
+    else if (high < DBL_MAX) snprintf(sim->message, sizeof sim->message, "must lie between %g and %g", low, high);
     else say(sim, low > 0.0 ? "must be positive" : "must not be negative");
     return 0;
 }

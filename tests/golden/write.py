@@ -4,18 +4,15 @@ They come from the reference alone: half a second of the asymmetric push, positi
 """
 
 import json
-import sys
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent)]
-
-from support import push, scene  # noqa: E402
+from support import push, scene
 
 from tensegrity_core import reference
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import builtin_scenes
 
+HERE = Path(__file__).resolve().parent
 DURATION, STEP = 0.5, 0.05
 
 

@@ -1,4 +1,4 @@
-"""What scenes pay for parts that they do not have: ``python benchmarks/unused_parts.py`` writes docs/unused_parts.json and
+"""What scenes pay for parts that they do not have: ``python -m benchmarks.speed.speed.unused_parts`` writes docs/unused_parts.json and
 docs/unused-parts.md, in about two minutes.
 
 The kernel as it is and the kernel of the commit before actuators, moved nodes, point masses, drag, general force laws and memory
@@ -20,16 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+from benchmarks.harness import machine
+from benchmarks.harness.page import table, wrapped
+from tensegrity_core.files import scratch
+from tensegrity_core.native import build
+from tensegrity_core.scene import builtin_scenes
 
-import machine  # noqa: E402
-from stability.common import table, wrapped  # noqa: E402
-
-from tensegrity_core.files import scratch  # noqa: E402
-from tensegrity_core.native import build  # noqa: E402
-from tensegrity_core.scene import builtin_scenes  # noqa: E402
-
+ROOT = Path(__file__).resolve().parent.parent.parent
 #: The last commit before these parts, and what it is imported as.
 BEFORE, PACKAGE = "8bcbf09", "tensegrity_before"
 ROUNDS, PUSH = 60, 100.0
@@ -126,7 +123,7 @@ def report(result: dict) -> str:
     over = sum(r["ratio"] > 1.02 for r in rows)
     return wrapped("\n\n".join([
         "# What unused parts cost",
-        "Written by `python benchmarks/unused_parts.py`; the figures stand in [unused_parts.json](unused_parts.json), and "
+        "Written by `python -m benchmarks.speed.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), and "
         f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, "
         f"commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
         "Processor time of the kernel over that of the kernel at commit "

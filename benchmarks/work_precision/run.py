@@ -1,4 +1,4 @@
-"""Work against precision: ``python benchmarks/work_precision.py`` writes docs/work_precision.json, the figures
+"""Work against precision: ``python -m benchmarks.work_precision.run.run`` writes docs/work_precision.json, the figures
 docs/figures/work_precision_*.{png,svg} and docs/work-precision.md.
 
 Every contender solves every problem (problems.py) at a ladder of tolerances or steps; error and time come from the same
@@ -22,7 +22,6 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse  # noqa: E402
 import statistics  # noqa: E402
-import sys  # noqa: E402
 import time  # noqa: E402
 from dataclasses import dataclass  # noqa: E402
 from fnmatch import fnmatch  # noqa: E402
@@ -30,20 +29,14 @@ from pathlib import Path  # noqa: E402
 
 import numpy as np  # noqa: E402
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import machine  # noqa: E402
-import problems  # noqa: E402
-import work_precision_data as data  # noqa: E402
-import work_precision_figures as figures  # noqa: E402
-import work_precision_nsh as nsh  # noqa: E402
-import work_precision_report as report  # noqa: E402
-from peers import article, mujoco_engine, native, scipy_compiled, toolchain  # noqa: E402
-from peers.ladder import Ladder, Run, too_long  # noqa: E402
-
+from benchmarks.harness import machine, problems  # noqa: E402
+from benchmarks.peers import article, mujoco_engine, native, scipy_compiled, toolchain  # noqa: E402
+from benchmarks.peers.ladder import Ladder, Run, too_long  # noqa: E402
 from tensegrity_core.files import scratch  # noqa: E402
 
+from . import data, figures, nsh, report  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
 PEERS = ("cvode", "arkode", "plain", "scipy", "article", "mujoco")
 #: Time of one turn of a fast contender, s: it repeats its run as often as fits.
 TURN = 0.008

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import work_precision_nsh as nsh
-from work_precision_data import ADAPTIVE, AUTO, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio
+from . import nsh
+from .data import ADAPTIVE, AUTO, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio
 
 #: By damping, N s/m: how many times faster than SUNDIALS `auto` is to be; ms that an earlier trial of the same physics reached, and the aim.
 OVER_SUNDIALS = {50: 20.0, 500: 12.0, 5000: 12.0}

@@ -1,4 +1,4 @@
-"""Speed of the kernel and of the pythonfmu FMU: ``python benchmarks/speed.py`` writes docs/speed.json and docs/speed.md, in
+"""Speed of the kernel and of the pythonfmu FMU: ``python -m benchmarks.speed.speed.speed`` writes docs/speed.json and docs/speed.md, in
 about a minute.
 
 Every row has an error beside its time: largest deviation of the nodes from a run by radau9 at tolerance 1e-13.  Runs of the
@@ -9,17 +9,12 @@ from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-import machine  # noqa: E402
-import problems  # noqa: E402
-from stability.common import table, wrapped  # noqa: E402
-
+from benchmarks.harness import machine, problems
+from benchmarks.harness.page import table, wrapped
 from fmu_src import build as build_fmu
 from fmu_src.validation import speed as fmu_speed
 from tensegrity_core.files import scratch
@@ -126,7 +121,7 @@ def report(result: dict) -> str:
     where, conditions, fmu = result["machine"], result["conditions"], result["fmu"]
     return wrapped("\n\n".join([
         "# Speed",
-        "Written by `python benchmarks/speed.py`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
+        "Written by `python -m benchmarks.speed.speed.speed`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
         f"page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, commit "
         f"{where['commit']}, {where['date']}, in {result['seconds']} s.",
         f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on the top nodes, "

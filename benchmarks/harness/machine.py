@@ -16,7 +16,7 @@ import scipy
 
 from tensegrity_core.files import write_text
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 def _git(*arguments: str) -> str:

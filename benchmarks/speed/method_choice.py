@@ -1,4 +1,4 @@
-"""Measures `auto` against the methods that it chooses from: ``python benchmarks/method_choice.py`` writes
+"""Measures `auto` against the methods that it chooses from: ``python -m benchmarks.speed.speed.method_choice`` writes
 docs/method_choice.json and docs/method-choice.md, in about half an hour.
 
 Every cell is run by `dop853`, `rodas5p`, `radau9` and `auto` in turns, in one process.  What counts is the least processor time
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterable
 from ctypes import POINTER, Structure, c_double, c_int64, c_void_p, cast
@@ -17,16 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-import machine  # noqa: E402
-from method_choice_cells import Cell, anywhere, built, drawn, every, ladders  # noqa: E402
-from stability.common import table, wrapped  # noqa: E402
+from benchmarks.harness import machine
+from benchmarks.harness.page import table, wrapped
+from tensegrity_core.files import scratch
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.native import build
 
-from tensegrity_core.files import scratch  # noqa: E402
-from tensegrity_core.kernel import Kernel  # noqa: E402
-from tensegrity_core.native import build  # noqa: E402
+from .method_choice_cells import Cell, anywhere, built, drawn, every, ladders
 
 BASE = ("dop853", "rodas5p", "radau9")
 METHODS = (*BASE, "auto")
@@ -48,7 +45,7 @@ class Functions(Structure):
 
 def runner(folder: Path) -> Callable:
     """The function `run` of method_choice.c, compiled in a folder."""
-    source, library = ROOT / "benchmarks" / "method_choice.c", folder / "method_choice.so"
+    source, library = Path(__file__).with_suffix(".c"), folder / "method_choice.so"
     compiler = build.system_compiler() or build.zig()
     subprocess.run([*compiler, "-std=c99", "-O2", "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
     run = ctypes.CDLL(str(library)).run
@@ -137,7 +134,7 @@ def report(result: dict) -> str:
     given_up = sum(not any(m in row["seconds"] for m in BASE) for row in everything)
     return wrapped("\n\n".join([
         "# What `auto` chooses, and what that costs",
-        "Written by `python benchmarks/method_choice.py`; the figures stand in [method_choice.json](method_choice.json), and "
+        "Written by `python -m benchmarks.speed.speed.method_choice`; the figures stand in [method_choice.json](method_choice.json), and "
         f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one "
         f"thread, commit {where['commit']}, {where['date']}, in {result['minutes']} minutes.",
         f"A cell is a model, a drive, a duration, communication steps and a tolerance. `dop853`, `rodas5p`, `radau9` and "

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from stability.common import new_figure, save, style
-from work_precision_data import front
+from benchmarks.harness.page import new_figure, save, style
+
+from .data import front
 
 OWN = {"auto": "#000000", "dop853": "#d62728", "rodas5p": "#1f4fd8", "radau9": "#8e24aa", "rk4": "#e08a00", "ros2": "#00897b"}
 #: For a method of the kernel that is not listed above.

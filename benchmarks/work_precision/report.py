@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import work_precision_figures as figures
-import work_precision_nsh as nsh
-import work_precision_targets as targets
-from stability.common import table, wrapped
-from work_precision_data import ADAPTIVE, AUTO, CVODE, OWN, PLAIN, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio, ratios
-
+from benchmarks.harness.page import table, wrapped
 from tensegrity_core.files import write_text
 
-COMMAND = "python benchmarks/work_precision.py --redraw"
+from . import figures, nsh, targets
+from .data import ADAPTIVE, AUTO, CVODE, OWN, PLAIN, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio, ratios
+
+COMMAND = "python -m benchmarks.work_precision.run.run --redraw"
 #: Errors, m, at which free flight and MuJoCo's problem are compared.
 FLIGHT, MUJOCO = 1e-7, (1e-4, 1e-6)
 TABLES = {
@@ -263,7 +261,7 @@ def introduction(result: dict) -> list[str]:
     limit = f"{limits[0]:g} s" + (f" (free flight: {limits[-1]:g} s)" if len(limits) > 1 else "")
     return [
         "# Work and precision",
-        "Written by `python benchmarks/work_precision.py`; the numbers stand in [work_precision.json](work_precision.json). "
+        "Written by `python -m benchmarks.work_precision.run.run`; the numbers stand in [work_precision.json](work_precision.json). "
         f"{where['processor']}, {where['system']}, Python {where['python']}, SciPy {where['scipy']}, SUNDIALS "
         f"{where['sundials']}, MuJoCo {where['mujoco']}, one thread, commit {where['commit']}, {where['date']}; {how} of "
         f"{result['seconds']} s, load average {where['load']}.",

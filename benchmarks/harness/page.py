@@ -23,19 +23,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
+from tensegrity_core.files import replacing, write_text
+
+from . import machine
+
 ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import machine  # noqa: E402
-
-from tensegrity_core.files import replacing, write_text  # noqa: E402
-
 DOCS = ROOT / "docs"
 DPI = 110
 TITLE = "# Stability: where methods fail\n"
 INTRODUCTION = """
 Every section is written by the script that it names, from the data beside its figure (`figures/stability_*.json`, which
-also say what they were measured on). `python benchmarks/stability/all.py` measures everything again, in one order and from
+also say what they were measured on). `python -m benchmarks.stability.all` measures everything again, in one order and from
 one commit; with `--redraw` it draws figures and sections again from the stored data, as each script does for its own. Points
 are measured; what a line is, its panel says. Durations are processor time.
 """
@@ -148,7 +146,7 @@ def footer(name: str, data: dict) -> str:
     m = data["machine"]
     versions = f"Python {m['python']}, NumPy {m['numpy']}, SciPy {m['scipy']}"
     return (
-        f"Command: `python benchmarks/stability/{name}.py`, to redraw only: `python benchmarks/stability/{name}.py --redraw`. "
+        f"Command: `python -m benchmarks.stability.{name}`, to redraw only: `python -m benchmarks.stability.{name} --redraw`. "
         f"Measured on {m['processor']}, {m['system']}, {versions}, commit {m['commit']}, {m['date']}, "
         f"in {data['seconds']:.0f} s."
     )

@@ -11,12 +11,12 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-from problems import DAMPINGS, pushed
-from work_precision_data import TARGET
+from benchmarks.harness.problems import DAMPINGS, pushed
+from benchmarks.peers.ladder import tolerances
+from benchmarks.peers.native import Bench
+from benchmarks.peers.toolchain import Tools
 
-from peers.ladder import tolerances
-from peers.native import Bench
-from peers.toolchain import Tools
+from .data import TARGET
 
 PLAIN, NSH = "three_bar", "three_bar_nsh"
 SMALL = (-0.1, -0.075, -0.05, -0.035, -0.02, -0.01, 0.01, 0.02)  # parts of the push without transitions, and with

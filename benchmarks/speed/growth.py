@@ -1,4 +1,4 @@
-"""Work and memory against size: ``python benchmarks/growth.py`` writes docs/growth.json, docs/growth.md and the figure, in
+"""Work and memory against size: ``python -m benchmarks.speed.speed.growth`` writes docs/growth.json, docs/growth.md and the figure, in
 about 2 minutes.
 
 Towers of n stages (3 n bars) stand still and are pushed at the top: 45 N down on each of the last three nodes, 20 N aside
@@ -27,20 +27,17 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+from matplotlib.figure import Figure
 
-import machine  # noqa: E402
-import problems  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
-from stability.common import new_figure, save, style, table, wrapped  # noqa: E402
-
+from benchmarks.harness import machine, problems
+from benchmarks.harness.page import new_figure, save, style, table, wrapped
 from tensegrity_core.files import write_text
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
 from tensegrity_core.scene.towers import tower
 from tensegrity_core.statics import build_model
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 STAGES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 METHODS = {"dop853": "explicit (DOP853)", "rodas5p": "L-stable (Rodas5P)", "radau9": "L-stable (Radau IIA)"}
 IMPLICIT = ("rodas5p", "radau9")
@@ -297,7 +294,7 @@ def report(result: dict) -> str:
         exponent_rows(found),
         end_text(result),
         f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in "
-        f"{result['seconds']} s; the figures stand in [growth.json](growth.json). Drawn by `python benchmarks/growth.py`, "
+        f"{result['seconds']} s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.speed.growth`, "
         "which also says what was measured and how; `--redraw` draws it again from that file ([SVG](figures/growth.svg)).",
     ]
     return wrapped("\n\n".join(block for block in blocks if block)) + "\n"

@@ -1,4 +1,4 @@
-"""What a scene costs, and what it does not pay for: ``python benchmarks/scene_costs.py`` writes docs/scene_costs.json and
+"""What a scene costs, and what it does not pay for: ``python -m benchmarks.speed.speed.scene_costs`` writes docs/scene_costs.json and
 docs/scene-costs.md, in about 3 minutes.
 
 Everything is measured in C (scene_costs*.c, compiled with the kernel's own sources and flags); a C compiler is needed.  Times
@@ -19,7 +19,6 @@ minimum and the median over the rounds.  Definitions:
 from __future__ import annotations
 
 import subprocess
-import sys
 import time
 from collections import defaultdict
 from dataclasses import dataclass, replace
@@ -28,14 +27,10 @@ from statistics import median
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-import machine  # noqa: E402
-import problems  # noqa: E402
-from peers import toolchain  # noqa: E402
-from stability.common import table, wrapped  # noqa: E402
-
+from benchmarks.harness import machine, problems
+from benchmarks.harness.page import table, wrapped
+from benchmarks.peers import toolchain
 from tensegrity_core.fields import METHODS
 from tensegrity_core.files import scratch, write_bytes
 from tensegrity_core.kernel import to_bytes
@@ -276,7 +271,7 @@ def report(result: dict) -> str:
     per_string = [number(r["rhs"]["min"] / r["strings"]) for r in (first, last)]
     blocks = [
         "# What a scene costs",
-        "Written by `python benchmarks/scene_costs.py`, which also defines each quantity; the figures stand in "
+        "Written by `python -m benchmarks.speed.speed.scene_costs`, which also defines each quantity; the figures stand in "
         f"[scene_costs.json](scene_costs.json), and `--redraw` writes this page from them. Measured from C, in processor time, "
         f"on {where['processor']}, {where['system']}, one thread, commit {where['commit']}, {where['date']}, in "
         f"{result['seconds']} s; minimum (median) of {min(r['rhs']['batches'] for r in rows)} batches or more.",

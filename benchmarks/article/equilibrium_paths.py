@@ -1,4 +1,4 @@
-"""Experiment I solved instead of waited for: ``python benchmarks/equilibrium_paths.py`` writes docs/equilibrium_paths.json,
+"""Experiment I solved instead of waited for: ``python -m benchmarks.article.equilibrium_paths`` writes docs/equilibrium_paths.json,
 docs/equilibrium-paths.md and docs/figures/path_*, in about 3 minutes.
 
 An upward force of 10 to 72 N in steps of 2 N acts on each top node of the six scenes.  Solved: the slow load's sweep up
@@ -23,12 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import machine  # noqa: E402
-from stability.common import new_figure, plain, save, style, table, wrapped  # noqa: E402
-
+from benchmarks.harness import machine
+from benchmarks.harness.page import new_figure, plain, save, style, table, wrapped
 from tensegrity_core.equilibria import steady_states
 from tensegrity_core.equilibria import sudden as sudden_loads
 from tensegrity_core.equilibria.loading import Loading
@@ -43,6 +39,7 @@ from tensegrity_core.output.path_figures import Quantity, curve
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
 LOADS = np.arange(10.0, 73.0, 2.0)  # N on each top node
 DURATION, ROW, TOLERANCE = 50.0, 0.01, 1e-10
@@ -354,7 +351,8 @@ from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
-from tensegrity_core.equilibria.steady_states import detours, load_sweep; from tensegrity_core.equilibria.sudden import SuddenLoads, states_at
+from tensegrity_core.equilibria.steady_states import detours, load_sweep
+from tensegrity_core.equilibria.sudden import SuddenLoads, states_at
 
 model = build_model(load_scene("two_bar_nsh"))
 lift = np.zeros_like(model.nodes)
@@ -423,7 +421,7 @@ def report(result: dict) -> str:
         time_text(scenes, result),
         f"Processor time, one thread, least of {result['rounds']} interleaved rounds, {where['processor']}, commit "
         f"{where['commit']}, {where['date']}, in {result['seconds']} s; the figures stand in "
-        "[equilibrium_paths.json](equilibrium_paths.json). Drawn by `python benchmarks/equilibrium_paths.py`, which also says "
+        "[equilibrium_paths.json](equilibrium_paths.json). Drawn by `python -m benchmarks.article.equilibrium_paths`, which also says "
         "what was measured and how; `--redraw` draws it again from that file.",
     ]
     return wrapped_but_code("\n\n".join(block for block in blocks if block)) + "\n"

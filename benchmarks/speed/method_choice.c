@@ -1,5 +1,5 @@
 /* Runs a kernel over a table of held inputs and measures the processor time of its steps alone.  Compiled into a library that
- * benchmarks/method_choice.py calls; the kernel comes as functions, so that several of them can be compared in one process. */
+ * benchmarks/speed/method_choice.py calls; the kernel comes as functions, so that several of them can be compared in one process. */
 #define _POSIX_C_SOURCE 199309L
 #include <stdint.h>
 #include <string.h>

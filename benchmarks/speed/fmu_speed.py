@@ -1,4 +1,4 @@
-"""Speed of the native FMU: ``python benchmarks/fmu_speed.py`` writes docs/fmu_speed.json and docs/fmu-speed.md in half a
+"""Speed of the native FMU: ``python -m benchmarks.speed.speed.fmu_speed`` writes docs/fmu_speed.json and docs/fmu-speed.md in half a
 minute.
 
 Measured from a plain C host (fmu_speed.c, whose head says what each quantity is; a C compiler is needed) and, beside the Python
@@ -9,7 +9,6 @@ median over the rounds; a ratio or difference is that of two minima.
 from __future__ import annotations
 
 import subprocess
-import sys
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -18,12 +17,9 @@ from zipfile import ZipFile
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-import machine  # noqa: E402
-from stability.common import table, wrapped  # noqa: E402
-
+from benchmarks.harness import machine
+from benchmarks.harness.page import table, wrapped
 from fmu_src.packing.libraries import here
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
@@ -300,7 +296,7 @@ def report(result: dict) -> str:
     rows, where = result["rows"], result["machine"]
     blocks = [
         "# Speed of the native FMU",
-        "Written by `python benchmarks/fmu_speed.py`; the figures stand in [fmu_speed.json](fmu_speed.json), and "
+        "Written by `python -m benchmarks.speed.speed.fmu_speed`; the figures stand in [fmu_speed.json](fmu_speed.json), and "
         "`--redraw` writes "
         f"this page from them. Measured in processor time on {where['processor']}, {where['system']}, one thread, commit "
         f"{where['commit']}, {where['date']}, in {result['seconds']} s; minimum (median) of "

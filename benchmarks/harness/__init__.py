@@ -1,0 +1,1 @@
+"""What benchmarks share: problems, the machine, figures and pages."""

@@ -1,0 +1,1 @@
+"""Time and work: of the kernel, of FMUs, of scenes, against size, and of the choice of method."""

@@ -1,0 +1,1 @@
+"""Where methods fail: the studies of docs/stability.md."""

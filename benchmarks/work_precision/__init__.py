@@ -1,0 +1,1 @@
+"""Work against precision, for every method and for other solvers."""
