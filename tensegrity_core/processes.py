@@ -53,7 +53,8 @@ class Workers(ProcessPoolExecutor):
 
 
 def run(command: list[str], folder: Path | None = None, timeout: float | None = None) -> subprocess.CompletedProcess:
-    """Run a program that ends when its standard input does, which is when this process ends; returns what it printed, as text.
+    """Run a program that ends when its standard input does, which is when this process ends; returns what it printed, as text;
+    bytes that are none are replaced.
 
     folder: in which it runs; timeout: s, of wall time; then, or by Ctrl-C, it is ended at once.  Raises
     subprocess.TimeoutExpired.
@@ -62,7 +63,7 @@ def run(command: list[str], folder: Path | None = None, timeout: float | None = 
     try:
         with held_back(TERMINAL):
             pipes = {"stdin": reading, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-            process = subprocess.Popen(command, cwd=folder, text=True, **pipes)
+            process = subprocess.Popen(command, cwd=folder, text=True, errors="replace", **pipes)
         with process:
             try:
                 out, err = process.communicate(timeout=timeout)

@@ -22,6 +22,15 @@ from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core.scene import builtin_scenes
 
 
+@pytest.fixture(scope="session", autouse=True)
+def folder_that_lxml_can_name():
+    """fmpy reads descriptions by lxml, which wants a current folder whose name is UTF-8, whatever it opens."""
+    try:
+        os.getcwd().encode("utf-8")
+    except UnicodeEncodeError:
+        os.chdir(os.path.abspath(os.sep))
+
+
 def once(tmp_path_factory, name: str, make) -> Path:
     """The folder `name` of this session, filled by make(folder) in one process while others wait."""
     base = tmp_path_factory.getbasetemp()

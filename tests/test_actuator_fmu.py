@@ -97,7 +97,7 @@ def test_coupled_fmus_converge_to_the_actuator_inside(tmp_path):
 
 def test_command_builds_structure_and_actuators(tmp_path, capsys):
     scene = tmp_path / "mast.toml"
-    scene.write_text(TOML)
+    scene.write_text(TOML, encoding="utf-8")
     assert main([str(scene), "--detach-actuators", "--no-validate", "--output", str(tmp_path / "dist")]) == 0
     for runtime in PACKERS:
         structure = read_model_description(str(tmp_path / "dist" / runtime / "mast.fmu"))

@@ -119,12 +119,12 @@ def test_quick_run_writes_page_figure_and_data(tools, tmp_path, monkeypatch):
     auto = data.fastest(found["rows"], "three_bar/500", **data.AUTO)
     scipy = data.fastest(found["rows"], "three_bar/500", **data.SCIPY)
     assert auto["transitions"] == 8 and scipy["error"] <= data.TARGET
-    assert f"**{scipy['ms_least'] / auto['ms_least']:.3g}**" in page.read_text()
-    assert "not measured" not in page.read_text() and "None" not in page.read_text()
-    png, first = tmp_path / "figures" / "work_precision_three_bar.png", page.read_text()
+    assert f"**{scipy['ms_least'] / auto['ms_least']:.3g}**" in page.read_text(encoding="utf-8")
+    assert "not measured" not in page.read_text(encoding="utf-8") and "None" not in page.read_text(encoding="utf-8")
+    png, first = tmp_path / "figures" / "work_precision_three_bar.png", page.read_text(encoding="utf-8")
     drawn = png.read_bytes()
     work_precision.main(["--redraw", "--output", str(tmp_path)])
-    assert page.read_text() == first and png.read_bytes() == drawn
+    assert page.read_text(encoding="utf-8") == first and png.read_bytes() == drawn
 
 
 def test_a_contender_stops_where_it_takes_too_long():
@@ -256,13 +256,13 @@ def test_growth_exponents():
 #: Page, its data, how the data are read, and what renders them.
 PAGES = [
     ("work-precision.md", "work_precision.json", data.load, report.page),
-    ("growth.md", "growth.json", lambda path: json.loads(path.read_text()), growth.report),
-    ("equilibrium-paths.md", "equilibrium_paths.json", lambda path: json.loads(path.read_text()), equilibrium_paths.report),
-    ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text()), scene_costs.report),
-    ("method-choice.md", "method_choice.json", lambda path: json.loads(path.read_text()), method_choice.report),
-    ("unused-parts.md", "unused_parts.json", lambda path: json.loads(path.read_text()), unused_parts.report),
-    ("speed.md", "speed.json", lambda path: json.loads(path.read_text()), speed.report),
-    ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text()), fmu_speed.report),
+    ("growth.md", "growth.json", lambda path: json.loads(path.read_text(encoding="utf-8")), growth.report),
+    ("equilibrium-paths.md", "equilibrium_paths.json", lambda path: json.loads(path.read_bytes()), equilibrium_paths.report),
+    ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text(encoding="utf-8")), scene_costs.report),
+    ("method-choice.md", "method_choice.json", lambda path: json.loads(path.read_text(encoding="utf-8")), method_choice.report),
+    ("unused-parts.md", "unused_parts.json", lambda path: json.loads(path.read_text(encoding="utf-8")), unused_parts.report),
+    ("speed.md", "speed.json", lambda path: json.loads(path.read_text(encoding="utf-8")), speed.report),
+    ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text(encoding="utf-8")), fmu_speed.report),
 ]
 
 

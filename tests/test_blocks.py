@@ -71,7 +71,7 @@ API void multiply(const ts_pattern *p, const double *A, const double *x, double 
 @pytest.fixture(scope="session")
 def library(tmp_path_factory):
     folder = tmp_path_factory.mktemp("blocks")
-    (folder / "shim.c").write_text(SHIM)
+    (folder / "shim.c").write_text(SHIM, encoding="utf-8")
     command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
     sources = [str(folder / "shim.c"), str(NATIVE / "blocks.c")]

@@ -35,7 +35,7 @@ def test_csv_has_the_names_of_the_fmus_outputs_and_every_digit(name, tmp_path, c
     path = tmp_path / "run.csv"
     assert main(["simulate", name, "--force", "n4.z=45", "n4.x=-3", *SHORT, "--output", str(path)]) == 0
     model, expected = lifted(name)
-    header, *rows = path.read_text().splitlines()
+    header, *rows = path.read_text(encoding="utf-8").splitlines()
     outputs = [row.name for row in variables(model) if row.causality == "output"]
     assert header.split(",") == ["time", *outputs]
     values = dict(zip(header.split(","), np.array([row.split(",") for row in rows], dtype=float).T))
@@ -167,7 +167,7 @@ def test_unknown_scene_exits_with_2(tmp_path, capsys):
 @pytest.mark.parametrize("command, output", [("check", []), ("simulate", []), ("animate", ["--output", "film.gif"])])
 def test_a_scene_without_its_ending_is_guessed(command, output, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mast.toml").write_text("")
+    (tmp_path / "mast.toml").write_text("", encoding="utf-8")
     assert main([command, "mast", *output]) == 2
     assert "did you mean mast.toml?" in capsys.readouterr().err
 
@@ -207,7 +207,7 @@ def test_tower_writes_the_scene_that_the_generator_makes(tmp_path, capsys):
 def test_tower_prints_without_a_file_and_its_scene_can_be_checked_and_run(tmp_path, capsys):
     assert main(["tower", "3"]) == 0
     path = tmp_path / "edited.toml"
-    path.write_text(capsys.readouterr().out.replace("mass = 1.0", "mass = 2.0"))
+    path.write_text(capsys.readouterr().out.replace("mass = 1.0", "mass = 2.0"), encoding="utf-8")
     assert main(["check", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "bars: 9, strings: 36" in shown and "self-stress states: 1, mechanisms: 1" in shown and ", stable (" in shown
@@ -220,7 +220,8 @@ def test_check_says_what_is_no_equilibrium(tmp_path, capsys):
     path = tmp_path / "fall.toml"
     path.write_text(
         'name = "fall"\nplane = "xz"\nstart = "released"\nfixed = ["a"]\n'
-        "[nodes]\na = [0.0, 0.0]\nb = [0.6, 0.8]\n[bars]\nrod = { nodes = [\"a\", \"b\"], mass = 10.0 }\n"
+        "[nodes]\na = [0.0, 0.0]\nb = [0.6, 0.8]\n[bars]\nrod = { nodes = [\"a\", \"b\"], mass = 10.0 }\n",
+        encoding="utf-8",
     )
     assert main(["check", str(path)]) == 0
     shown = capsys.readouterr().out

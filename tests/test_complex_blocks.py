@@ -43,7 +43,7 @@ API void solve(const ts_pattern *p, const double *factor, double *b) { ts_comple
 @pytest.fixture(scope="session")
 def complex_library(tmp_path_factory):
     folder = tmp_path_factory.mktemp("complex_blocks")
-    (folder / "shim.c").write_text(SHIM)
+    (folder / "shim.c").write_text(SHIM, encoding="utf-8")
     command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
     sources = [str(folder / "shim.c"), str(NATIVE / "complex_blocks.c")]

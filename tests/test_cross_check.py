@@ -24,7 +24,8 @@ def bundle(tmp_path_factory):
 
 def read(path):
     """A table; fmpy writes the names in quotes."""
-    return np.genfromtxt(path.read_text().replace('"', "").splitlines(), delimiter=",", names=True, deletechars="")
+    lines = path.read_text(encoding="utf-8").replace('"', "").splitlines()
+    return np.genfromtxt(lines, delimiter=",", names=True, deletechars="")
 
 
 def test_bundle_has_the_files_that_the_rules_name(bundle):
@@ -44,7 +45,7 @@ def test_bundles_of_other_contents_keep_the_rules(contents, tmp_path):
 
 
 def test_options_are_lines_of_a_name_and_a_number(bundle):
-    lines = (bundle / f"{SCENE}_ref.opt").read_text().splitlines()
+    lines = (bundle / f"{SCENE}_ref.opt").read_text(encoding="utf-8").splitlines()
     assert [line.split(",")[0] for line in lines] == ["StartTime", "StopTime", "StepSize", "RelTol"]
     assert [float(line.split(",")[1]) for line in lines] == [0.0, 2.0, 0.01, 1e-6]
     assert read_ref_opt_file(str(bundle / f"{SCENE}_ref.opt"))["StopTime"] == 2.0
@@ -75,7 +76,7 @@ def test_fmpys_cross_check_simulates_the_bundle_and_accepts_the_result(bundle, t
     monkeypatch.setattr(plotless, lambda *arguments, **options: None)
     report, results = tmp_path / "report.html", tmp_path / "results"
     cross_check(str(bundle.parents[5]), str(report), str(results), simulated, "this", "1", lambda _: False, lambda: "tried")
-    text = report.read_text()
+    text = report.read_text(encoding="utf-8")
     assert "100 %</span>" in text and "label label-danger" not in text and "label label-warning" not in text, text[-3000:]
     (found,) = results.rglob(f"{SCENE}_out.csv")
     assert {path.name for path in found.parent.iterdir()} & {"passed", "failed", "rejected"} == {"passed"}

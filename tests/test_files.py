@@ -29,19 +29,19 @@ posix = pytest.mark.skipif(os.name == "nt", reason="of systems with locks, links
 
 
 def content(folder: Path) -> dict[str, str]:
-    return {path.name: path.read_text() for path in folder.iterdir()}
+    return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     path = tmp_path / "run.csv"
-    path.write_text("old")
+    path.write_text("old", encoding="utf-8")
     with pytest.raises(ZeroDivisionError), replacing_text(path) as file:
         file.write("half")
         raise ZeroDivisionError
     assert content(tmp_path) == {"run.csv": "old"}
     with replacing_text(path) as file:
         file.write("new")
-        assert path.read_text() == "old"
+        assert path.read_text(encoding="utf-8") == "old"
     assert content(tmp_path) == {"run.csv": "new"}
 
 
@@ -61,7 +61,7 @@ def test_nothing_stays_whatever_ends_the_block(error, tmp_path):
 
 
 def test_what_cannot_be_written_is_told(tmp_path):
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", encoding="utf-8")
     for path in (tmp_path / "missing" / "one.csv", tmp_path / "file" / "one.csv"):
         with pytest.raises(InputError, match=r"one\.csv' cannot be written: .*; name another file"):
             write_text(path, "text")
@@ -89,15 +89,15 @@ def test_permissions_are_the_usual_ones(mask, tmp_path):
 def test_links_are_not_followed(tmp_path, monkeypatch):
     """Neither one at the place itself, nor one under the name that the temporary file would have."""
     victim = tmp_path / "victim"
-    victim.write_text("untouched")
+    victim.write_text("untouched", encoding="utf-8")
     (tmp_path / "link").symlink_to(victim)
     write_text(tmp_path / "link", "new")
-    assert not (tmp_path / "link").is_symlink() and victim.read_text() == "untouched"
+    assert not (tmp_path / "link").is_symlink() and victim.read_text(encoding="utf-8") == "untouched"
     monkeypatch.setattr(files.secrets, "token_hex", lambda count: "0" * 2 * count)
     (tmp_path / f".tensegrity-{'0' * 16}.tmp").symlink_to(victim)
     with pytest.raises(InputError, match="exists"):
         write_text(tmp_path / "other", "new")
-    assert victim.read_text() == "untouched" and not (tmp_path / "other").exists()
+    assert victim.read_text(encoding="utf-8") == "untouched" and not (tmp_path / "other").exists()
 
 
 # --- leftovers -----------------------------------------------------------------------------------------------------
@@ -260,10 +260,10 @@ KINDS = {
 def test_every_kind_of_file_is_written_that_way(name, tmp_path, monkeypatch):
     """A link at the place is replaced; where the disk is full nothing changes and the error is one of the project's."""
     victim, path = tmp_path / "victim", tmp_path / name
-    victim.write_text("untouched")
+    victim.write_text("untouched", encoding="utf-8")
     path.symlink_to(victim)
     KINDS[name](path)
-    assert not path.is_symlink() and victim.read_text() == "untouched"
+    assert not path.is_symlink() and victim.read_text(encoding="utf-8") == "untouched"
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
     def full(handle):

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import subprocess
 import sys
 import zipfile
@@ -92,7 +93,7 @@ def test_the_core_inside_needs_numpy_only(fmus):
 
 
 def test_nothing_names_the_place_where_it_was_built(fmus):
-    places = {str(HERE.parent).encode(), str(Path.home()).encode() + b"/"}
+    places = {os.fsencode(HERE.parent), os.fsencode(Path.home()) + b"/"}
     for name, data in content(fmus["six_bar"]).items():
         assert not [place for place in places if place in data], name
 
@@ -144,10 +145,10 @@ def test_platforms_without_a_name_are_told(monkeypatch, tmp_path):
 def test_closure_follows_imports(tmp_path):
     package = tmp_path / "thing"
     package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "a.py").write_text("from . import b\nimport numpy.linalg\n")
-    (package / "b.py").write_text("def f():\n    from thing.c import g\n    import scipy, os\n")
-    (package / "c.py").write_text("")
-    (package / "unused.py").write_text("")
+    (package / "__init__.py").write_text("", encoding="utf-8")
+    (package / "a.py").write_text("from . import b\nimport numpy.linalg\n", encoding="utf-8")
+    (package / "b.py").write_text("def f():\n    from thing.c import g\n    import scipy, os\n", encoding="utf-8")
+    (package / "c.py").write_text("", encoding="utf-8")
+    (package / "unused.py").write_text("", encoding="utf-8")
     files, foreign = import_closure(package, "a")
     assert [path.stem for path in files] == ["__init__", "a", "b", "c"] and foreign == {"numpy", "scipy"}

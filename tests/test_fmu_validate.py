@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import shutil
+import tempfile
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -93,6 +94,24 @@ def test_a_broken_fmu_is_told(tmp_path):
         validate.run_outside(tmp_path / "no.fmu", scene("two_bar"), runs=[short(scene("two_bar"))])
 
 
+@pytest.mark.parametrize("kind", ["native", "python"])
+def test_a_folder_whose_name_is_no_text_serves_as_any_other(kind, fmus, native_fmus, tmp_path, monkeypatch):
+    """Names are bytes to Linux; FMU, temporary files and current folder are there."""
+    folder = tmp_path / os.fsdecode(b"gr\xf6\xdfe #1")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system wants names that are text")
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.chdir(folder)
+    fmu = {"native": native_fmus, "python": fmus}[kind]["two_bar"]
+    model = scene("two_bar")
+    ((expected, _, _),) = validate.run_outside(fmu, model, runs=[short(model)])
+    ((found, _, _),) = validate.run_outside(Path(shutil.copy(fmu, folder)), model, runs=[short(model)])
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
 # Scenarios
 
 
@@ -171,7 +190,7 @@ def test_a_change_of_the_references_sources_changes_the_key(name, tmp_path):
     shutil.copytree(source, core, ignore=shutil.ignore_patterns("native", "__pycache__"))
     before = reference_key(run.model, run.inputs, SETTINGS, core)
     assert before == reference_key(run.model, run.inputs, SETTINGS)
-    (core / "kernel" / "run.py").write_text("# the reference does not use the kernel")
+    (core / "kernel" / "run.py").write_text("# the reference does not use the kernel", encoding="utf-8")
     assert reference_key(run.model, run.inputs, SETTINGS, core) == before
     (core / name).write_text((core / name).read_text(encoding="utf-8") + "\n", encoding="utf-8")
     assert reference_key(run.model, run.inputs, SETTINGS, core) != before
@@ -336,7 +355,7 @@ s4 = 0.35355
 
 def test_a_healthy_undamped_cross_bar_passes(tmp_path):
     """Under 5 s of the article's inputs, too, where a start error grows a thousandfold."""
-    (tmp_path / "cross.toml").write_text(CROSS)
+    (tmp_path / "cross.toml").write_text(CROSS, encoding="utf-8")
     model = build_model(load_scene(tmp_path / "cross.toml"))
     runs = trials(model) + [run for run in scenarios(model) if run.name == "rest_lengths_1d"]
     found = judged(pack_native_fmu(model, tmp_path / "cross.fmu"), model, runs)
@@ -406,7 +425,7 @@ def test_build_and_validate(brief, tmp_path, capsys):
         assert "http" not in page.replace("data:image", "").split("</style>")[1].split("Made with")[0]
     assert len(list((tmp_path / "cache").iterdir())) == 1
     assert build_fmu.main([*options, "--runtime", "python"]) == 0
-    assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text()
+    assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text(encoding="utf-8")
 
 
 def test_a_passed_bound_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
@@ -471,7 +490,7 @@ def test_references_are_kept_unless_asked_otherwise():
 
 def test_a_scene_that_is_named_twice_is_built_once(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.toml").write_text('extends = "two_bar"\n')
+    (tmp_path / "mine.toml").write_text('extends = "two_bar"\n', encoding="utf-8")
     words = ["mine.toml", "two_bar", "two_bar", str(tmp_path / "mine.toml"), "--no-validate", "--runtime", "native"]
     assert build_fmu.main(words) == 0
     folder = Path("dist/native")
@@ -481,7 +500,7 @@ def test_a_scene_that_is_named_twice_is_built_once(tmp_path, capsys, monkeypatch
 
 def test_two_scenes_of_one_name_are_refused(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.toml").write_text('extends = "two_bar"\nname = "two_bar"\n')
+    (tmp_path / "mine.toml").write_text('extends = "two_bar"\nname = "two_bar"\n', encoding="utf-8")
     assert build_fmu.main(["two_bar", "mine.toml", "--no-validate"]) == 2
     assert "two scenes have the name 'two_bar'" in capsys.readouterr().err
     assert not (tmp_path / "dist").exists()
@@ -512,14 +531,14 @@ def test_a_remark_names_what_was_compared_for_a_part_only():
 def test_a_users_scene(tmp_path, monkeypatch):
     """A scene file in the user's folder, extending a built-in one, is built under its own name."""
     softer = 'extends = "two_bar"\nname = "mine"\ndescription = "softer"\n[materials.cable]\nstiffness = 9e3\n'
-    (tmp_path / "mine.toml").write_text(softer)
+    (tmp_path / "mine.toml").write_text(softer, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     assert build_fmu.main(["mine.toml", "--no-validate", "--naming", "flat"]) == 0
     assert [path.name for path in (tmp_path / "dist" / "python").iterdir()] == ["mine.fmu"]
 
 
 def test_an_output_that_is_no_folder_is_exit_code_2(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", encoding="utf-8")
     assert build_fmu.main(["two_bar", "--output", str(tmp_path / "file")]) == 2
     assert "file" in capsys.readouterr().err
 
@@ -528,7 +547,8 @@ def test_a_scene_without_strings_is_validated(tmp_path):
     """A pendulum: one bar pinned to the ground, released at 45 degrees."""
     (tmp_path / "pendulum.toml").write_text(
         'plane = "xz"\nstart = "released"\nfixed = ["n1"]\n[nodes]\nn1 = [0.0, 0.0]\nn2 = [0.7, -0.7]\n'
-        '[bars]\nb1 = { nodes = ["n1", "n2"], mass = 1.0 }\n[strings]\n'
+        '[bars]\nb1 = { nodes = ["n1", "n2"], mass = 1.0 }\n[strings]\n',
+        encoding="utf-8",
     )
     model = build_model(load_scene(tmp_path / "pendulum.toml"))
     assert [run.name for run in scenarios(model)] == ["constant_1d", "square_wave_1d", "push_1d"]
@@ -537,7 +557,7 @@ def test_a_scene_without_strings_is_validated(tmp_path):
 
 
 def test_a_bad_users_scene_names_its_key(tmp_path, monkeypatch, capsys):
-    (tmp_path / "bad.toml").write_text('extends = "two_bar"\nname = "bad"\n[bars]\nb1.mass = -3.0\n')
+    (tmp_path / "bad.toml").write_text('extends = "two_bar"\nname = "bad"\n[bars]\nb1.mass = -3.0\n', encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     assert build_fmu.main(["bad.toml"]) == 2
     shown = capsys.readouterr().err
@@ -588,9 +608,9 @@ def useless(request, tmp_path, monkeypatch):
     """A folder in which nothing can be kept."""
     folder = tmp_path / "cache"
     if request.param == "a file in the way":
-        folder.write_text("")
+        folder.write_text("", encoding="utf-8")
     elif request.param == "below a file":
-        (tmp_path / "file").write_text("")
+        (tmp_path / "file").write_text("", encoding="utf-8")
         folder = tmp_path / "file" / "cache"
     else:  # whoever runs the tests may be allowed to write everywhere
         code = errno.EROFS if request.param == "read-only" else errno.ENOSPC

@@ -68,7 +68,7 @@ def members(session: int) -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
-                state, _, _, its = (entry / "stat").read_text().rpartition(")")[2].split()[:4]
+                state, _, _, its = (entry / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[:4]
             except OSError:  # it has ended meanwhile
                 continue
             if int(its) == session and state not in "ZX":
@@ -93,7 +93,7 @@ def start(command: list, cwd: Path | None = None, **surroundings) -> subprocess.
 @pytest.fixture
 def program(tmp_path):
     """The program above at work, and its folder."""
-    (tmp_path / "program.py").write_text(PROGRAM)
+    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
     folder = tmp_path / "ü #1"
     folder.mkdir()
     process = start([sys.executable, tmp_path / "program.py", folder])
@@ -144,7 +144,7 @@ if __name__ == "__main__":
     except BrokenProcessPool:
         print("broken")
 """
-    (tmp_path / "dying.py").write_text(code)
+    (tmp_path / "dying.py").write_text(code, encoding="utf-8")
     out, err = start([sys.executable, tmp_path / "dying.py"]).communicate(timeout=PATIENCE)
     assert out == "broken\n", err
 
@@ -168,7 +168,8 @@ def test_a_validation_is_interrupted(number, tmp_path):
 
 def test_ctrl_c_while_a_program_starts(tmp_path):
     """Loading what the command needs is a part of the program."""
-    (tmp_path / "numpy.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
+    program = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n"
+    (tmp_path / "numpy.py").write_text(program, encoding="utf-8")
     for command in (["-m", "tensegrity_core", "check", "two_bar"], [str(ROOT / "build_fmu.py"), "two_bar"]):
         surroundings = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
         done = subprocess.run([sys.executable, *command], capture_output=True, text=True, env=surroundings, cwd=tmp_path)

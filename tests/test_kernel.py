@@ -31,7 +31,7 @@ def square_wave(model, duration=5.0, step=0.01, node="n4"):
 
 def test_header_is_up_to_date():
     header = Path(fields.__file__).parent / "native" / "fields.h"
-    assert header.read_text() == fields.c_header(), "run python -m tensegrity_core.fields"
+    assert header.read_text(encoding="utf-8") == fields.c_header(), "run python -m tensegrity_core.fields"
 
 
 # --- the equations -------------------------------------------------------------------------------------------------

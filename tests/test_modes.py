@@ -280,13 +280,13 @@ def test_bars_that_nothing_joins_have_mechanisms_too():
 def test_the_command_names_what_nothing_resists(tmp_path, capsys):
     path, table, figure = tmp_path / "prism.toml", tmp_path / "modes.csv", tmp_path / "modes.svg"
     data = prism(3, (0.8, 0.6), 1.2, 30.0, 4000.0) | {"fixed": [], "gravity": 0.0, "start": "settled"}
-    path.write_text("\n".join(f"{key} = {toml(value)}" for key, value in data.items()))
+    path.write_text("\n".join(f"{key} = {toml(value)}" for key, value in data.items()), encoding="utf-8")
     assert main(["modes", str(path), "--output", str(table), "--figure", str(figure)]) == 0
     shown = capsys.readouterr().out
     assert "15 degrees of freedom" in shown and f"nothing resists 6 of them: {', '.join(ALL)}" in shown
     assert "9 modes that oscillate; the longest-lived first" in shown and "e-0" not in shown.split("moves most")[1]
-    assert "not an equilibrium" not in shown and "nothing resists" not in figure.read_text()
-    rows = table.read_text().splitlines()
+    assert "not an equilibrium" not in shown and "nothing resists" not in figure.read_text(encoding="utf-8")
+    rows = table.read_text(encoding="utf-8").splitlines()
     column = rows[0].split(",").index("neutral")
     assert [row.split(",")[column] for row in rows[1:]] == ["1.0"] * 6 + ["0.0"] * 9
     assert main(["check", str(path)]) == 0

@@ -303,7 +303,7 @@ def comma_locale(folder: Path) -> dict[str, str]:
         "grouping -1",
         "END LC_NUMERIC",
     )
-    source.write_text("\n".join(lines) + "\n")
+    source.write_text("\n".join(lines) + "\n", encoding="utf-8")
     subprocess.run(["localedef", "-c", "-i", str(source), "-f", "ANSI_X3.4-1968", str(folder / "xx_XX")], capture_output=True)
     if not (folder / "xx_XX" / "LC_NUMERIC").exists():
         pytest.skip("localedef could not make a locale with a decimal comma")

@@ -55,7 +55,7 @@ def host(folder: Path, platform: str | None) -> Path:
     target = folder / ("host.exe" if platform == "win64" else "host")
     command, libraries = build.system_compiler() or build.zig(), ["-ldl"]
     if platform:
-        command, libraries = [*build.zig(), "-target", build.TARGETS[platform].triple], [] if platform == "win64" else ["-ldl"]
+        command, libraries = build.zig(platform), [] if platform == "win64" else ["-ldl"]
     line = [*command, "-std=c99", f"-I{build.fmi_headers()}", str(HOST), *libraries, "-o", str(target)]
     done = subprocess.run(line, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -134,7 +134,7 @@ def tree(tmp_path, monkeypatch) -> Path:
         copy = tmp_path / folder.parent.name / folder.name
         shutil.copytree(folder, copy, ignore=shutil.ignore_patterns("__pycache__", "tmp*"))
         monkeypatch.setattr(build, name, copy)
-    (tmp_path / "pyproject.toml").write_text('name = "tensegrity-fmu"\n')
+    (tmp_path / "pyproject.toml").write_text('name = "tensegrity-fmu"\n', encoding="utf-8")
     monkeypatch.setattr(libraries, "HERE", tmp_path / "fmu_src")
     os.utime(build.RUNTIME / build.FMU_LIBRARY)
     return tmp_path
@@ -172,7 +172,7 @@ def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatc
 
     monkeypatch.setattr(build, "compile_fmu_library", compiler)
     (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "ziglang.py").write_text("")
+    (tmp_path / "site" / "ziglang.py").write_text("", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path / "site")
     words = ["two_bar", "--runtime", "native", "--platforms", "win64", "--no-validate", "--output", str(tmp_path)]
     assert build_fmu.main(words) == 0
@@ -184,6 +184,19 @@ def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatc
     age(tree / "fmu_src" / "native_runtime" / "fmi2.c", -1.0)
     assert build_fmu.main(words) == 0
     assert len(list((tree / "build" / "native" / "win64").glob("*/tensegrity_fmu.dll"))) == 2
+
+
+@zig
+def test_zig_compiles_for_any_processor_of_this_platform_and_asks_no_other_compiler(tmp_path, monkeypatch):
+    """Without a target it would use all that this processor can do, and look for the C library by `cc`."""
+    with monkeypatch.context() as context:
+        context.setenv("PATH", str(tmp_path))
+        library = build.compile_library(tmp_path, build.zig())
+    assert library.read_bytes()[: len(MAGIC[here()])] == MAGIC[here()]
+    (tmp_path / "processor.c").write_text("", encoding="utf-8")
+    line = [*build.zig(), "-dM", "-E", str(tmp_path / "processor.c")]
+    known = subprocess.run(line, capture_output=True, text=True, check=True).stdout
+    assert "__STDC__" in known and not re.findall(r"__(?:AVX|AVX2|FMA|BMI2|SSE4_2|ARM_FEATURE_SVE)__", known)
 
 
 def test_log_categories_say_what_this_runtime_logs(tmp_path):

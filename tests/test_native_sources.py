@@ -71,7 +71,8 @@ def test_descriptions_list_every_source_file(fmu, sources):
 
 def test_fmi_headers_stay_with_the_importer(sources):
     assert not list(sources.glob("fmi*.h"))
-    included = {name for path in sources.iterdir() for name in re.findall(r'#include "([^"]+)"', path.read_text())}
+    texts = [path.read_text(encoding="utf-8") for path in sources.iterdir()]
+    included = {name for text in texts for name in re.findall(r'#include "([^"]+)"', text)}
     assert included - {path.name for path in sources.iterdir()} == {"fmi2Functions.h"}
 
 
@@ -202,7 +203,8 @@ def test_two_source_fmus_link_into_one_program(fmu, sources, tmp_path):
     description = read_model_description(str(fmu))
     reference = next(v.valueReference for v in description.modelVariables if v.name == "energy.kinetic")
     text = {"GUID": f'"{description.guid}"', "RESOURCES": f'"{(sources.parent / "resources").as_uri()}"', "REFERENCE": reference}
-    (tmp_path / "both.c").write_text("".join(f"#define {key} {value}\n" for key, value in text.items()) + BOTH)
+    defined = "".join(f"#define {key} {value}\n" for key, value in text.items())
+    (tmp_path / "both.c").write_text(defined + BOTH, encoding="utf-8")
     subprocess.run([*command, *options, "both.c", *objects, "-o", "both", "-lm"], check=True, cwd=tmp_path)
     printed = subprocess.run([tmp_path / "both"], check=True, capture_output=True, text=True).stdout.split()
     assert len(printed) == 2 and printed[0] == printed[1] and float(printed[0]) >= 0.0

@@ -44,7 +44,7 @@ def decode(tmp_path_factory):
     if compiler is None or not shutil.which(compiler[0]):
         pytest.skip("needs a C compiler")
     folder = tmp_path_factory.mktemp("uris")
-    (folder / "main.c").write_text(PROGRAM)
+    (folder / "main.c").write_text(PROGRAM, encoding="utf-8")
     includes = [f"-I{path}" for path in (build.RUNTIME, build.HERE, build.fmi_headers())]
     command = [*compiler, "-std=c99", "-Wno-unused-function", *includes, str(folder / "main.c"), "-o", str(folder / "decode")]
     subprocess.run(command, check=True)

@@ -18,7 +18,7 @@ LIFT = ["--force", "n3.z=1", "n4.z=1"]
 
 
 def rows(path):
-    with open(path, newline="") as file:
+    with open(path, newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
@@ -63,7 +63,7 @@ tension = { right = 60.0 }
 def test_path_of_a_buckling_mast_shows_its_branches(tmp_path, capsys):
     """It buckles at 2 k l = 1800 N and hangs upside down; on the way back that state, too, loses stability to a branch."""
     file, figure = tmp_path / "mast.toml", tmp_path / "mast.svg"
-    file.write_text(MAST)
+    file.write_text(MAST, encoding="utf-8")
     arguments = ["path", str(file), "--force", "n2.z=-1", "--to", "2000", "--back", "--unstable", "--show", "n2.x"]
     assert main([*arguments, "--figure", str(figure)]) == 0
     shown = capsys.readouterr().out

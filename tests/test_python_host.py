@@ -191,7 +191,7 @@ def fake(folder: Path, answer: str, name: str = "python3") -> str:
     """A program that answers like an interpreter."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / name
-    path.write_text(f"#!/bin/sh\nprintf '{answer}'\n")
+    path.write_text(f"#!/bin/sh\nprintf '{answer}'\n", encoding="utf-8")
     path.chmod(0o755)
     return str(path)
 
@@ -242,13 +242,13 @@ def test_no_interpreter_at_all(host, python_folders, tmp_path):
 
 def test_a_candidate_that_floods_its_output(host, python_folders, tmp_path):
     program = fake(tmp_path, "")
-    Path(program).write_text("#!/bin/sh\nhead -c 3000000 /dev/zero\n")
+    Path(program).write_text("#!/bin/sh\nhead -c 3000000 /dev/zero\n", encoding="utf-8")
     fails(host, python_folders["two_bar"], "does not answer as Python does", TENSEGRITY_PYTHON=program)
 
 
 def test_a_python_path_that_shadows_modules(host, python_folders, tmp_path):
     """The folder in which the host runs is not searched for modules."""
-    (tmp_path / "sysconfig.py").write_text("raise SystemExit(3)")
+    (tmp_path / "sysconfig.py").write_text("raise SystemExit(3)", encoding="utf-8")
     folder = python_folders["two_bar"]
     assert runs(host, folder, "freed", before=("env", "-C", str(tmp_path)))
 

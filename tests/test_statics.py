@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from tensegrity_core.cli import main
@@ -291,7 +291,8 @@ def test_a_settled_pendulum_hangs(tip):
 def test_an_upright_pendulum_is_an_equilibrium_but_said_to_be_unstable(tmp_path, capsys):
     path = tmp_path / "upright.toml"
     path.write_text(
-        'fixed = ["a"]\n[nodes]\na = [0, 0, 0]\nb = [0, 0, 1]\n[bars]\nrod = { nodes = ["a", "b"], mass = 1 }\n'
+        'fixed = ["a"]\n[nodes]\na = [0, 0, 0]\nb = [0, 0, 1]\n[bars]\nrod = { nodes = ["a", "b"], mass = 1 }\n',
+        encoding="utf-8",
     )
     assert main(["check", str(path)]) == 0
     assert "unstable (lowest stiffness -4.905 N/m)" in capsys.readouterr().out
@@ -412,7 +413,17 @@ def prism(count, radii, height, tension, stiffness) -> dict:
     st.floats(1.0, 100.0),
     st.floats(1e3, 1e5),
 )
-def test_any_prism_starts_in_equilibrium(count, radii, height, tension, stiffness):
+@example(4, (2.0, 0.30078125), 1.0, 64.0, 1000.0)
+def test_any_prism_starts_in_equilibrium_or_is_refused(count, radii, height, tension, stiffness):
+    """Refused: where a string would be stretched by more than its length."""
+    stiff = build_model(parse_scene(prism(count, radii, height, tension, 1e9)))  # the forces are those of any stiffness
+    length = np.linalg.norm(np.subtract(*np.moveaxis(stiff.nodes[stiff.strings], 1, 0)), axis=1)
+    rest = length - member_forces(stiff)[: 3 * count] / stiffness
+    if rest.min() < 1e-6:
+        assume(rest.min() < -1e-6)
+        with pytest.raises(SceneError, match="more than its length. Lower the tension or raise the stiffness"):
+            build_model(parse_scene(prism(count, radii, height, tension, stiffness)))
+        return
     model = build_model(parse_scene(prism(count, radii, height, tension, stiffness)))
     found = analyse(model)
     assert (found.self_stress.shape[1], found.rigid_body_motions) == (1, 6)

@@ -18,15 +18,6 @@ from ..places import clone, kept
 
 HERE = Path(__file__).parent.parent
 
-#: FMI's name of the platform by (sys.platform, machine).
-HOSTS = {
-    ("linux", "x86_64"): "linux64",
-    ("linux", "aarch64"): "aarch64-linux",
-    ("win32", "amd64"): "win64",
-    ("darwin", "x86_64"): "darwin64",
-    ("darwin", "arm64"): "aarch64-darwin",
-}
-
 #: Where importers such as fmpy look for the library on ARM: they go by the operating system's name alone, as in FMI 2.0.
 ON_ARM = {"aarch64-linux": "linux64", "aarch64-darwin": "darwin64"}
 
@@ -53,9 +44,9 @@ KINDS = {
 def here() -> str:
     """FMI's name of the platform that runs this, such as linux64.  Raises PackError."""
     key = sys.platform, platform.machine().lower()
-    if key not in HOSTS:
-        raise PackError(f"FMI 2.0 has no name for the platform {'/'.join(key)}; known: {', '.join(HOSTS.values())}")
-    return HOSTS[key]
+    if key not in build.HOSTS:
+        raise PackError(f"FMI 2.0 has no name for the platform {'/'.join(key)}; known: {', '.join(build.HOSTS.values())}")
+    return build.HOSTS[key]
 
 
 def host_library(kind: str = "native") -> Path:

@@ -19,6 +19,7 @@ import tensegrity_core
 from tensegrity_core.files import replacing
 from tensegrity_core.kernel import LIBRARY, fnv1a, to_bytes
 from tensegrity_core.model import Model
+from tensegrity_core.native import build
 
 from ..places import DISTRIBUTION, clone
 from ..variables.documentation import index_html
@@ -26,7 +27,7 @@ from ..variables.drawing import model_png
 from ..variables.interface import Variable, by_reference, variables
 from ..variables.model_description import Experiment, Runtime, content_guid, model_description, plain
 from .closure import import_closure
-from .libraries import HOSTS, PackError, cross_compiled, here, host_library, on_arm
+from .libraries import PackError, cross_compiled, here, host_library, on_arm
 
 HERE = Path(__file__).parent.parent
 #: What the FMU's library runs, above the private package.
@@ -119,7 +120,7 @@ def variables_json(
     roles = {"input": "input", "output": "output"}
     data = {
         "libraries": {
-            "/".join(machine): f"native/{name}/{kernels[name].name}" for machine, name in HOSTS.items() if name in kernels
+            "/".join(machine): f"native/{name}/{kernels[name].name}" for machine, name in build.HOSTS.items() if name in kernels
         },
         "strings": list(model.string_names),
         "tolerance": next(row.reference for row in table if row.field == "tolerance"),

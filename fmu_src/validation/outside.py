@@ -183,6 +183,7 @@ def main(job_path, result_path, *options):
 
     with open(job_path, encoding="utf-8") as file:
         job = json.load(file)
+    os.chdir(os.path.abspath(os.sep))  # lxml wants a current folder whose name is UTF-8; all paths here are absolute
     description = read_model_description(job["fmu"])
     folder = extract(job["fmu"], unzipdir=os.path.join(os.path.dirname(result_path), "fmu"))
     result, strings = {}, []

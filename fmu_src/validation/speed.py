@@ -25,10 +25,9 @@ def measure(fmu: Path, h: float = 1e-3, duration: float = 5.0, push: float = 100
     """
     from fmpy import extract, read_model_description
 
-    description = read_model_description(str(fmu))
     steps = round(duration / h)
     with scratch() as folder:
-        extract(str(fmu), unzipdir=str(folder))
+        description = read_model_description(extract(str(fmu), unzipdir=str(folder)))
         wall = min(_run(description, str(folder), h, steps, push) for _ in range(repeats))
     return Speed(wall / steps, duration / wall)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import platform as machine
 import shutil
 import subprocess
 import sys
@@ -51,6 +52,15 @@ TARGETS = {
     "aarch64-darwin": Target(".dylib", "aarch64-macos.11.0"),
 }
 
+#: FMI's name of the platform by (sys.platform, machine).
+HOSTS = {
+    ("linux", "x86_64"): "linux64",
+    ("linux", "aarch64"): "aarch64-linux",
+    ("win32", "amd64"): "win64",
+    ("darwin", "x86_64"): "darwin64",
+    ("darwin", "arm64"): "aarch64-darwin",
+}
+
 
 def system_compiler() -> list[str] | None:
     """Command of a GCC-like compiler: CC if it is set, else the first found; None where there is none."""
@@ -62,9 +72,18 @@ def system_compiler() -> list[str] | None:
     return None
 
 
-def zig() -> list[str]:
-    """Command of the compiler in the ``ziglang`` package."""
-    return [sys.executable, "-m", "ziglang", "cc"]
+def zig(platform: str | None = None) -> list[str]:
+    """Command of the compiler in the ``ziglang`` package; platform: a key of TARGETS, or None for this one.
+
+    The target is named for this platform, too: else zig compiles for the very processor that it runs on, and asks the system's
+    compiler, which may be missing, where the C library is.
+    """
+    if platform is None:
+        platform = HOSTS.get((sys.platform, machine.machine().lower()))
+        if sys.platform == "linux" and machine.libc_ver()[0] != "glibc":
+            platform = None
+    target = ["-target", TARGETS[platform].triple] if platform else ["-mcpu=baseline"]
+    return [sys.executable, "-m", "ziglang", "cc", *target]
 
 
 def kernel_sources() -> list[Path]:
@@ -114,7 +133,7 @@ def _compile(target: Path, command: list[str], sources: list[Path], options: lis
         fresh = Path(scratch) / target.name
         extra = [] if windows else ["-fPIC", "-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
         line = [*command, *FLAGS, *options, *map(str, sources), *extra, "-o", str(fresh)]
-        run = subprocess.run(line, capture_output=True, text=True)
+        run = subprocess.run(line, capture_output=True, text=True, errors="replace")  # it names paths, which are bytes
         if run.returncode:
             raise RuntimeError(f"compiling {target.name} failed; command: {' '.join(line)}\n{run.stderr}")
         os.replace(fresh, target)
@@ -131,7 +150,7 @@ def _compile_for(platform: str | None, target: Path, sources: list[Path], option
     """platform: a key of TARGETS, then zig compiles for it, or None for this platform."""
     command, windows, darwin = system_compiler() or zig(), sys.platform == "win32", sys.platform == "darwin"
     if platform is not None:
-        command = [*zig(), "-target", TARGETS[platform].triple]
+        command = zig(platform)
         windows, darwin = platform.startswith("win"), "darwin" in platform
     if platform and darwin:  # else the folder of this compilation is written into the library
         options = [*options, f"-Wl,-install_name,@rpath/{target.name}"]

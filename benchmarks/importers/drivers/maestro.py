@@ -17,10 +17,10 @@ model = {
     "logVariables": {"{tensegrity}.one": job.outputs},
     "algorithm": {"type": "fixed-step", "size": job.step},
 }
-(folder / "model.json").write_text(json.dumps(model))
+(folder / "model.json").write_text(json.dumps(model), encoding="utf-8")
 # half a step more: Maestro counts its time up, and would leave out the last step
 experiment = {"startTime": 0.0, "endTime": (job.steps + 0.5) * job.step, "reportProgress": False, "logLevels": {}}
-(folder / "experiment.json").write_text(json.dumps({**experiment, "algorithm": model["algorithm"]}))
+(folder / "experiment.json").write_text(json.dumps({**experiment, "algorithm": model["algorithm"]}), encoding="utf-8")
 command = ["java", "-jar", job.program, "import", "sg1", "experiment.json", "model.json", "--interpret", "-output", "results"]
 done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
 table = folder / "results" / "outputs.csv"
