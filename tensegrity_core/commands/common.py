@@ -70,6 +70,22 @@ def sample_times(duration: float, step: float) -> np.ndarray:
     return grid(duration, step)
 
 
+def force_argument(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """The option --force of constant forces; what they are, in words."""
+    parser.add_argument("--force", metavar="NODE.AXIS=N", nargs="+", action="extend", default=[], help=meaning)
+
+
+def finite(option: str, text: str, example: str) -> float:
+    """A number of an option.  Raises InputError where it is none, or not finite."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{option}: {text!r} is not a finite number; write as in {example}")
+    return value
+
+
 def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
     """(N, 3) N from texts such as n4.z=45.  Raises InputError, also where a component is given twice."""
     given: dict[str, str] = {}
@@ -87,12 +103,7 @@ def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
             raise InputError(f"--force {text}: {node} is fixed to the ground; free nodes are {', '.join(free)}")
         if axis not in letters:
             raise InputError(f"--force {text}: {axis!r} is no axis of {model.name}; axes are {', '.join(letters)}")
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"--force {text}: {number!r} is not a finite number; write as in {place}=45")
+        value = finite(f"--force {text}", number, f"{place}=45")
         if place in given:
             raise InputError(f"--force {text}: {place} is given twice, before as {given[place]}; give the sum once")
         given[place] = text

@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..files import replacing_text
 from ..model import Model
 from ..output.export import require_writable
-from .common import Command, constant_force, model_of, scene_argument
+from .common import Command, constant_force, force_argument, model_of, scene_argument
 
 SHOWN = 12  # modes that are printed
 
@@ -23,10 +23,7 @@ SHOWN = 12  # modes that are printed
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s SCENE [options]"
     scene_argument(parser)
-    parser.add_argument(
-        "--force", metavar="NODE.AXIS=N", nargs="+", action="extend", default=[],
-        help="constant external forces in N: modes about the steady state that they reach slowly, such as n4.z=45",
-    )  # fmt: skip
+    force_argument(parser, "constant external forces in N: modes about the steady state that they reach slowly, such as n4.z=45")
     parser.add_argument("--undamped", action="store_true", help="leave the dampers out")
     parser.add_argument("--count", type=int, default=SHOWN, help="modes to print (default %(default)s)")
     parser.add_argument("--output", metavar="FILE", help="write all modes with their shapes to this .csv file")

@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..files import replacing_text
 from ..model import Model
 from ..output.export import require_writable
-from .common import Command, constant_force, model_of, scene_argument
+from .common import Command, constant_force, finite, force_argument, model_of, scene_argument
 
 MOST_ROWS = 100_000
 
@@ -23,10 +23,7 @@ MOST_ROWS = 100_000
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s SCENE --to P [options]"
     scene_argument(parser)
-    parser.add_argument(
-        "--force", metavar="NODE.AXIS=N", nargs="+", action="extend", default=[],
-        help="external forces in N at p = 1, on free nodes, such as n4.z=1 n5.z=1",
-    )  # fmt: skip
+    force_argument(parser, "external forces in N at p = 1, on free nodes, such as n4.z=1 n5.z=1")
     parser.add_argument(
         "--rest-length", metavar="STRING=M", nargs="+", action="extend", default=[],
         help="changes of rest lengths in m at p = 1, such as s4=-0.01",
@@ -100,14 +97,8 @@ def rest_length_change(model: Model, texts: Sequence[str]) -> np.ndarray:
             raise InputError(f"--rest-length {text}: {name!r} is no string of {model.name}; strings are {known}")
         if name in given:
             raise InputError(f"--rest-length {text}: {name} is given twice; give the sum once")
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"--rest-length {text}: {number!r} is not a finite number; write as in {name}=-0.01")
         given.add(name)
-        change[model.string_names.index(name)] = value
+        change[model.string_names.index(name)] = finite(f"--rest-length {text}", number, f"{name}=-0.01")
     return change
 
 

@@ -11,21 +11,14 @@ from ..fields import METHODS
 from ..kernel import simulate as run_kernel
 from ..model import Inputs, Model, Result, held
 from ..output.export import require_writable, write_result
-from .common import constant_force, model_of, positive, sample_times, scene_argument
+from .common import constant_force, force_argument, model_of, positive, sample_times, scene_argument
 
 
 def _run_arguments(parser: argparse.ArgumentParser) -> None:
     """What every subcommand that simulates takes."""
     parser.usage = "%(prog)s SCENE [options]"  # SCENE first: --force takes all that follows it
     scene_argument(parser)
-    parser.add_argument(
-        "--force",
-        metavar="NODE.AXIS=N",
-        nargs="+",
-        action="extend",
-        default=[],
-        help="constant external forces in N on free nodes, each component once, such as n4.z=45 n5.x=-10",
-    )
+    force_argument(parser, "constant external forces in N on free nodes, each component once, such as n4.z=45 n5.x=-10")
     parser.add_argument("--duration", type=float, default=5.0, help="simulated time, s (default %(default)s)")
     parser.add_argument("--method", choices=METHODS, default="auto", help="integration method (default %(default)s)")
     parser.add_argument("--tolerance", type=float, default=1e-10, help="error per step (default %(default)s)")

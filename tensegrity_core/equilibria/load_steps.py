@@ -417,48 +417,43 @@ class LoadSteps:
 
     def _at_distance(self, z, parameter: float, laws: OnPieces, direction: np.ndarray, goal: float) -> State | None:
         """The stable equilibrium with a given direction . x (m)."""
-        saddle, n, last = self.saddle, self._n, np.inf
-        for _ in range(NEWTON):
-            saddle.at(z, parameter, laws)
-            found = saddle.bordered(direction)
-            if found is None:
-                return None
-            step, p = self._towards(found, 0.0, goal - float(direction @ z[:n]))
-            size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
-            if not size < 0.5 * last:
-                return None
-            z, parameter = z + step, parameter + p
-            if self._done(size, last):
-                break
-            last = size
-        else:
+        n = self._n
+        reached = self._solved(z, parameter, laws, lambda z: (direction, 0.0, goal - float(direction @ z[:n])))
+        if reached is None:
             return None
-        if not (saddle.definite() and found.pull[1] < 0.0):
-            return None
+        z, parameter, found = reached
         tangent = found.push[0] - found.push[1] / found.pull[1] * found.pull[0]
         return State(z, parameter, laws, tangent, self.equations.stretch(z[:n], parameter))
 
     def _to_end(self, z, parameter: float, laws: OnPieces, string: int, end: float) -> State | None:
         """The stable equilibrium at which a string has an elongation."""
+        saddle = self.saddle
+        reached = self._solved(z, parameter, laws, lambda z: (
+            saddle.direction(string), self._wound[string], end - float(saddle.stretch[string])))  # fmt: skip
+        if reached is None:
+            return None
+        z, parameter, found = reached
+        return self._known_by(string, found, z, parameter, laws, self.equations.stretch(z[: self._n], parameter))
+
+    def _solved(self, z, parameter: float, laws: OnPieces, condition):
+        """Newton's method for a stable equilibrium under a condition on x and the parameter: (z, parameter, bordered solution), or
+        None.  condition(z), asked once the saddle stands at z: its direction, how it changes with the parameter, its gap."""
         saddle, n, last = self.saddle, self._n, np.inf
         for _ in range(NEWTON):
             saddle.at(z, parameter, laws)
-            found = saddle.bordered(saddle.direction(string))
+            direction, wound, gap = condition(z)
+            found = saddle.bordered(direction)
             if found is None:
                 return None
-            step, p = self._towards(found, self._wound[string], end - float(saddle.stretch[string]))
+            step, p = self._towards(found, wound, gap)
             size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
             if not size < 0.5 * last:
                 return None
             z, parameter = z + step, parameter + p
             if self._done(size, last):
-                break
+                return (z, parameter, found) if saddle.definite() and found.pull[1] < 0.0 else None
             last = size
-        else:
-            return None
-        if not (saddle.definite() and found.pull[1] < 0.0):
-            return None
-        return self._known_by(string, found, z, parameter, laws, self.equations.stretch(z[:n], parameter))
+        return None
 
     # --- kinks
 
