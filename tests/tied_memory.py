@@ -1,6 +1,6 @@
 """Series with memory whose beams tie, exactly or nearly, along random ways: the exact law in Python beside the kernel.
 
-``python tests/tied_memory.py COUNT [SEED [MOST BEAMS]]``.  Of parts that come to an end together within TIE, the first (by
+``python tests/tied_memory.py [COUNT [SEED [MOST [FEWEST]]]]``, MOST and FEWEST beams.  Of parts that come to an end together within TIE, the first (by
 index) whose fall or return goes on stably does so; only where none does the element snaps.  Beyond TIE, up to about 1e-12, both truths
 find stable states and lose what energies say, but may land on different ones: the flow of a snap starts far closer to even than
 its first push, so that which of the beams goes is not what the distance says.
@@ -25,9 +25,9 @@ from tensegrity_core.model.elements import Beam, Series
 DISTANCES = (0, 1, 2, 4, 31, 33, 100, 1e-12)
 
 
-def tied(random: np.random.Generator, distance: float, most: int = 6) -> tuple[Series, float]:
-    """A series of 2 to `most` beams, some of which tie (maxima, minima, or all), and a string's stiffness, N/m."""
-    n = int(random.integers(2, most + 1))
+def tied(random: np.random.Generator, distance: float, most: int = 6, fewest: int = 2) -> tuple[Series, float]:
+    """A series of `fewest` to `most` beams, some of which tie (maxima, minima, or all), and a string's stiffness, N/m."""
+    n = int(random.integers(fewest, most + 1))
     Q, zeta, h = random.uniform(2.0, 10.0, n), random.uniform(2.5, 7.5, n), random.uniform(0.005, 0.03, n)
     group = random.permutation(n)[: random.integers(2, n + 1)]
     first, kind = group[0], random.choice(["max", "min", "alike", "alike but h"])
@@ -107,12 +107,12 @@ def compare(element: Series, k: float, x: np.ndarray) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    count, base = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    count, base, most, fewest = map(int, (*sys.argv[1:], *("100", "0", "6", "2")[len(sys.argv) - 1:]))
     kinds = collections.Counter()
     for seed in range(count):
         random = np.random.default_rng([seed, base])
         distance = DISTANCES[seed % len(DISTANCES)]
-        element, k = tied(random, distance, int(sys.argv[3]) if len(sys.argv) > 3 else 6)
+        element, k = tied(random, distance, most, fewest)
         kind, note = compare(element, k, way(random, element))
         kinds[kind] += 1
         if kind != "agree":

@@ -20,7 +20,7 @@ from numpy.polynomial import polynomial
 from . import nsh
 
 EPS = math.ulp(1.0)
-#: Forces that differ by no more than this part are equal: parts that end together.
+#: Forces that differ by no more than this part are equal: parts that end together.  See `Stretch.tie`.
 TIE = nsh.TIE
 #: A Newton step shorter than this part is the last: the next one would be below round-off.
 LAST_STEP = 1e-12
@@ -130,6 +130,12 @@ class Stretch:
         """1 rising, 0 flat, -1 falling."""
         return (self.last > self.first) - (self.last < self.first)
 
+    @cached_property
+    def tie(self) -> float:
+        """A force this near that of an end is one with it, N: TIE of the largest force on the stretch, since a minimum that is
+        small beside it has the round-off of the whole."""
+        return TIE * max(abs(self.first), abs(self.last) if abs(self.last) < math.inf else 0.0)
+
     def inverse(self, force: float, tied: bool = False) -> float:
         """u at which the force stands, m; the nearer end where the stretch does not reach it.  Of a flat one: its start.
 
@@ -138,7 +144,7 @@ class Stretch:
         sign = self.sign
         if tied and self.sign:
             for at, limit in ((self.end, self.last), (self.start, self.first)):
-                if abs(force - limit) <= TIE * abs(limit) < math.inf:
+                if abs(force - limit) <= self.tie:
                     return at
         if sign * (force - self.first) <= 0.0:
             return self.start
@@ -247,6 +253,11 @@ class Chain:
                 u[i] = other.inverse(force, tied)
         return u
 
+    def tied(self, p: float) -> bool:
+        """Whether another stretch than the leading one begins or ends, to within TIE, with the force at p (m)."""
+        force = self._curve.value(p)[0]
+        return any(abs(force - end) <= other.tie for _, other, _ in self._others for end in (other.first, other.last))
+
     def total(self, p: float) -> float:
         """x: sum of all displacements, m."""
         return math.fsum((self.held, *self.displacements(p)))
@@ -321,7 +332,7 @@ def rise(stretches: list[Stretch], low: float, high: float, held: float, base: f
     count = range(len(stretches))
     ahead = min(count, key=lambda i: stretches[i].last)
     behind = max(count, key=lambda i: stretches[i].first)
-    turns = stretches[behind].first >= low * (1.0 - TIE) and _turns(stretches[behind])
+    turns = stretches[behind].first >= low - stretches[behind].tie and _turns(stretches[behind])
     end = stretches[ahead].inverse(high) if high < math.inf else math.inf
     if not turns or behind == ahead:
         return [Chain(stretches, ahead, stretches[ahead].inverse(low), end, held, base)]

@@ -15,8 +15,12 @@ stretch that does not rise.  All parts and the spring k_s then carry one force, 
 * at a fold, where dx/dp = 0, p the displacement of the falling part: T has a square root there;
 * where the string goes slack.
 
-Of parts that come to their extrema together the first (by index) whose fall goes on stably falls, the others go back; only
-where no such branch is stable do they snap.
+Ties.  Forces within `Stretch.tie` of each other are one.  Parts that come to ends of their stretches at one force come there
+together, each to its own end.  Where these are extrema the first part (by index) whose fall goes on stably falls and the others
+go back; where none does they snap, and the flow starts with the first of them moving on.  Beyond a tie the part whose end has
+the nearer force goes, however little nearer: next to that end may lie a branch as short as the root of the difference, and it
+is followed.  So the law does not depend on its parameters continuously: where round-off decides whether forces tie, either of
+two stable branches may follow, and both are right.
 
 Parts are elements without memory of any kind; each must rise at first and in the end.
 """
@@ -39,7 +43,7 @@ from .elements import part_law
 from .exact import Law
 
 #: The flow starts this far from the state that lost its stability, as a part of the leading part's stretch.
-NUDGE = 1e-4
+NUDGE = 1e-3
 #: What breaks ties between equal parts, as a part of that.
 TIE_BREAK = 1e-3
 #: Tolerances of the flow's integration; the limit itself is solved for exactly.
@@ -48,9 +52,9 @@ FLOW_RTOL, FLOW_ATOL = 1e-8, 1e-12
 ARRIVED = 1e-7
 #: Eigenvalues below this part of the parts' largest slope are not those of a stable state.
 NEUTRAL = 1e-8
-#: Forces that differ by less than this part are equal, where parts may end together; so are elongations, where branches join.
-TOGETHER, SAME = 1e-12, 1e-9
-#: Where parts turn at forces that tie, as a part of their width: an extremum's place is known to the root of round-off only.
+#: Elongations that differ by less than this part are equal, where branches join; a branch shorter than this part is none.
+SAME, NARROW = 1e-9, 1e-12
+#: And this part of the parts' width: where forces tie the place of an extremum is known to the root of a tie only.
 TURNED = 2.0 * math.sqrt(TIE)
 #: Steps after which a flow, and events after which a way along branches, counts as endless.
 MAX_STEPS, MAX_EVENTS = 3000, 10_000
@@ -274,7 +278,8 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     leads = [i for i, one in enumerate(on) if one is not None and one.sign <= 0]
     low = max(0.0, *(min(one.first, one.last) for one in moving), *(part.end_force for part in stopped))
     high = min(max(one.first, one.last) for one in moving)
-    if len(leads) > 1 or low > high * (1.0 + TIE) or not leads and low >= high:
+    tie = max(one.tie for one in (*moving, *(part.stretches[-1] for part in stopped)))
+    if len(leads) > 1 or low > high + tie or not leads and low >= high:
         return ()
     if not leads:
         return (Branch(m, at, 0, None, rise(moving, low, high, held, base), (), low == 0.0, low, high),)
@@ -291,11 +296,13 @@ def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
     """Intervals of p on which x increases, and whether each end is a fold.
 
     A fold may lie near an end, where the leading part has turned: dx/dp is looked at with distances from the ends that double
-    each time, and evenly between.  Nearer than that, where parts turn together, dx/dp is lost in round-off.
+    each time, and evenly between.  Parts that turn at forces nearer than TIE turn together: what dx/dp is next to such an end is
+    round-off, and is passed over.
     """
     width = chain.end - chain.start
-    near = np.ldexp(width, np.arange(-14, -1))
-    grid = np.unique(np.concatenate((chain.start + near, chain.end - near, chain.start + width * np.linspace(0.02, 0.98, 97))))
+    near = [np.ldexp(width, np.arange(-14 if chain.tied(p) else -20, -1)) for p in (chain.start, chain.end)]
+    even = chain.start + width * np.linspace(0.02, 0.98, 97)
+    grid = np.unique(np.concatenate((chain.start + near[0], chain.end - near[1], even)))
     grid = grid[(grid > chain.start) & (grid < chain.end)]
     growth = np.array([chain.growth(p) for p in grid])
     found, begin, begin_fold = [], chain.start, False
@@ -306,7 +313,7 @@ def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
             begin, begin_fold = scipy.optimize.brentq(chain.growth, a, b, xtol=1e-300, rtol=4.0 * EPS), True
     if len(growth) and growth[-1] > 0.0:
         found.append((begin, chain.end, (begin_fold, False)))
-    return [(a, b, folds) for a, b, folds in found if chain.total(b) - chain.total(a) > TOGETHER * abs(chain.total(b))]
+    return [(a, b, folds) for a, b, folds in found if chain.total(b) - chain.total(a) > NARROW * abs(chain.total(b))]
 
 
 # ---------------------------------------------------------------------------------------------------------- what follows
@@ -343,14 +350,13 @@ def _ending(branch: Branch, x: float) -> list[set[int]]:
     for i, (n, u) in enumerate(zip(branch.at, branch.displacements(x))):
         on = branch.memory.stretch(i, n)
         if on is None:
-            ends = ((-1, branch.memory.parts[i].end_force),)
-        elif i == branch.lead:
-            near = TURNED * min(on.end - on.start, branch.memory.width)
-            found.append({end for end, at in ((-1, on.start), (1, on.end)) if abs(u - at) <= near})
+            ends, tie = ((-1, branch.memory.parts[i].end_force),), TIE * abs(force)
+        elif on.sign == 0:    # the lead on a flat stretch
+            found.append({end for end, at in ((-1, on.start), (1, on.end)) if u == at})
             continue
         else:
-            ends = ((-1, on.first), (1, on.last))
-        found.append({end for end, at in ends if abs(force - at) <= TOGETHER * abs(force)})
+            ends, tie = ((-1, on.first), (1, on.last)), on.tie
+        found.append({end for end, at in ends if abs(force - at) <= tie})
     return found
 
 

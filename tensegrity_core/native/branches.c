@@ -41,7 +41,7 @@ static double at_end(const ts_law *part, int stretch, double T, double guess)
 {
     const ts_stretch *s = part->s + stretch;
     for (int end = 0; end < 2; end++)
-        if (s->force[end] < INFINITY && fabs(T - s->force[end]) <= TS_TIE * fabs(T)) return end ? s->p.hi : s->p.lo;
+        if (fabs(T - s->force[end]) <= ts_stretch_tie(s)) return end ? s->p.hi : s->p.lo;
     return ts_law_inverse(part, stretch, T, guess);
 }
 

@@ -253,6 +253,13 @@ double ts_law_energy(const ts_law *law, int stretch, double u)
     return ts_piece_energy(&law->s[stretch < law->n ? stretch : law->n - 1].p, law->table, INFINITY, u, 0.0);
 }
 
+/* A force this near that of an end is one with it, N: TS_TIE of the largest force on the stretch, since a minimum that is small
+ * beside it has the round-off of the whole. */
+double ts_stretch_tie(const ts_stretch *s)
+{
+    return TS_TIE * fmax(fabs(s->force[0]), s->force[1] < INFINITY ? fabs(s->force[1]) : 0.0);
+}
+
 /* Elongation on a stretch where it bears f: Newton inside a shrinking bracket. */
 double ts_law_inverse(const ts_law *law, int stretch, double f, double guess)
 {

@@ -4,9 +4,11 @@
 
 #include "internal.h"
 
+#include <float.h>
+
 #define TS_FIT_ERROR 2e-13 /* of the largest force */
 #define TS_MAX_ROWS 1024   /* subintervals of one piece */
-#define TS_TIE 7.2e-15     /* forces that differ by less than this part of them are one: round-off is less */
+#define TS_TIE (32.0 * DBL_EPSILON) /* forces that differ by no more than this part of them are one: round-off is less */
 
 /* A monotone stretch of a law's force as a function of its elongation. */
 typedef struct {
@@ -45,6 +47,7 @@ int ts_law_at(const ts_law *law, double u);
 double ts_law_force(const ts_law *law, int stretch, double u, double *slope);
 double ts_law_energy(const ts_law *law, int stretch, double u);
 double ts_law_inverse(const ts_law *law, int stretch, double f, double guess);
+double ts_stretch_tie(const ts_stretch *s);
 int ts_law_snapped(const ts_law *law, int stretch);
 const char *ts_law_curve(ts_curve *c, const ts_law *law);
 
