@@ -107,6 +107,14 @@ f_j(u_j) takes them, with stops at 0 and 2h, and what the energy falls by is dis
 so a snap gives no impulse, only a jump of the tension. Beams need not be metastable (`beams = "any"`): bistable ones stay
 snapped when the string goes slack. Any elements in series can have this law, not only beams."""
 
+TIES = """Equal beams come to their maxima together, and numbers that people type make others do so, too. Forces that differ
+by no more than 32 units of round-off (32 · 2⁻⁵², 7e-15) of the largest force on the beam's stretch between its extrema are one:
+whoever comes to such an end comes there with the others, each to its own. Then the first beam, in the order of the scene, whose
+fall (or return) goes on stably moves on, and the others go back; where there is none, the string snaps, and the first of them
+starts. Beyond a tie the beam whose extremum is nearer goes, be it by 1e-14 of the force. So the law jumps with its parameters:
+where round-off decides whether two beams tie, within 8 units of the 32, either of two stable branches may follow, and a
+change in a parameter's last digits may choose the other. Energies add up on both."""
+
 # --- single strings ----------------------------------------------------------------------------------------------
 
 
@@ -342,6 +350,7 @@ def report(data: dict, series: dict) -> str:
     blocks = [
         "# Memory: the hysteretic NSH",
         LAW,
+        TIES,
         "A scene asks for it by one key of the NSH:",
         SCENE,
         "`energy.dissipated` then holds what snaps lose and what dampers take. `tensegrity_core.kernel.simulate` returns each "
