@@ -15,7 +15,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from .interrupts import held_back, TERMINAL
+from .interrupts import TERMINAL, held_back
 
 #: Windows waits for no more processes than this.
 MOST = 61

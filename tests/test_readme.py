@@ -127,8 +127,24 @@ def test_ci_takes_its_commands_out_of_the_readme():
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_benchmarks_that_a_page_names_start(page):
     """They take minutes; that they exist, find what they import and know their options shows in their help."""
-    for script in sorted(set(re.findall(r"python ((?:benchmarks|docs)/[\w/]+\.py)", page.read_text(encoding="utf-8")))):
-        run([sys.executable, str(ROOT / script), "--help"], ROOT)
+    for command in named_commands(page):
+        run([sys.executable, *command, "--help"], ROOT)
+
+
+def named_commands(page: Path) -> list[list[str]]:
+    """Scripts of docs/ and modules of benchmarks/ that a page tells one to run."""
+    text = page.read_text(encoding="utf-8")
+    scripts = re.findall(r"python ((?:benchmarks|docs)/[\w/]+\.py)", text)
+    modules = re.findall(r"python\s+-m\s+(benchmarks\.[\w.]*\w)", text)
+    return [*([script] for script in sorted(set(scripts))), *(["-m", module] for module in sorted(set(modules)))]
+
+
+def test_pages_name_benchmarks():
+    """Else the test above would look for them in a form that no page uses."""
+    named = {command[-1] for page in PAGES for command in named_commands(page)}
+    pages = [page for page in PAGES if page.with_name(page.stem.replace("-", "_") + ".json").exists()]
+    assert len(pages) >= 12 and all(named_commands(page) for page in pages), pages
+    assert len(named) >= len(pages)
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=lambda page: page.name)

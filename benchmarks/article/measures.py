@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import find_peaks
 
-
 from tensegrity_core import kernel, laws
 from tensegrity_core.article import experiments
 from tensegrity_core.errors import TensegrityError

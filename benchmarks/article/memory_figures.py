@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 from matplotlib.figure import Figure
-
 
 from benchmarks.harness.page import COLOURS, new_figure
 from tensegrity_core.article.experiments import DAMPINGS

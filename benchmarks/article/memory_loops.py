@@ -12,7 +12,6 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.optimize import brentq, minimize_scalar
 
-
 from tensegrity_core import laws
 from tensegrity_core.article import experiments
 from tensegrity_core.errors import TensegrityError

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-
 from tensegrity_core import laws
 from tensegrity_core.article import experiments
 from tensegrity_core.kernel import simulate

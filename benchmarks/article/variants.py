@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-
 from tensegrity_core import statics
 from tensegrity_core.article import experiments
 from tensegrity_core.kernel import simulate

@@ -8,7 +8,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Callable
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy
@@ -52,7 +52,7 @@ def describe() -> dict[str, str]:
         "numpy": numpy.__version__,
         "scipy": scipy.__version__,
         "commit": commit + ("+" if changed else ""),
-        "date": datetime.now(timezone.utc).strftime("%Y-%m-%d"),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
     }
 
 

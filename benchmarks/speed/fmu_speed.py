@@ -1,4 +1,4 @@
-"""Speed of the native FMU: ``python -m benchmarks.speed.speed.fmu_speed`` writes docs/fmu_speed.json and docs/fmu-speed.md in half a
+"""Speed of the native FMU: ``python -m benchmarks.speed.fmu_speed`` writes docs/fmu_speed.json and docs/fmu-speed.md in half a
 minute.
 
 Measured from a plain C host (fmu_speed.c, whose head says what each quantity is; a C compiler is needed) and, beside the Python
@@ -16,7 +16,6 @@ from statistics import median
 from zipfile import ZipFile
 
 import numpy as np
-
 
 from benchmarks.harness import machine
 from benchmarks.harness.page import table, wrapped
@@ -296,7 +295,7 @@ def report(result: dict) -> str:
     rows, where = result["rows"], result["machine"]
     blocks = [
         "# Speed of the native FMU",
-        "Written by `python -m benchmarks.speed.speed.fmu_speed`; the figures stand in [fmu_speed.json](fmu_speed.json), and "
+        "Written by `python -m benchmarks.speed.fmu_speed`; the figures stand in [fmu_speed.json](fmu_speed.json), and "
         "`--redraw` writes "
         f"this page from them. Measured in processor time on {where['processor']}, {where['system']}, one thread, commit "
         f"{where['commit']}, {where['date']}, in {result['seconds']} s; minimum (median) of "

@@ -1,4 +1,4 @@
-"""Work and memory against size: ``python -m benchmarks.speed.speed.growth`` writes docs/growth.json, docs/growth.md and the figure, in
+"""Work and memory against size: ``python -m benchmarks.speed.growth`` writes docs/growth.json, docs/growth.md and the figure, in
 about 2 minutes.
 
 Towers of n stages (3 n bars) stand still and are pushed at the top: 45 N down on each of the last three nodes, 20 N aside
@@ -26,7 +26,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-
 from matplotlib.figure import Figure
 
 from benchmarks.harness import machine, problems
@@ -294,7 +293,7 @@ def report(result: dict) -> str:
         exponent_rows(found),
         end_text(result),
         f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in "
-        f"{result['seconds']} s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.speed.growth`, "
+        f"{result['seconds']} s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.growth`, "
         "which also says what was measured and how; `--redraw` draws it again from that file ([SVG](figures/growth.svg)).",
     ]
     return wrapped("\n\n".join(block for block in blocks if block)) + "\n"

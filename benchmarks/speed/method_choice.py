@@ -1,4 +1,4 @@
-"""Measures `auto` against the methods that it chooses from: ``python -m benchmarks.speed.speed.method_choice`` writes
+"""Measures `auto` against the methods that it chooses from: ``python -m benchmarks.speed.method_choice`` writes
 docs/method_choice.json and docs/method-choice.md, in about half an hour.
 
 Every cell is run by `dop853`, `rodas5p`, `radau9` and `auto` in turns, in one process.  What counts is the least processor time
@@ -15,7 +15,6 @@ from ctypes import POINTER, Structure, c_double, c_int64, c_void_p, cast
 from pathlib import Path
 
 import numpy as np
-
 
 from benchmarks.harness import machine
 from benchmarks.harness.page import table, wrapped
@@ -134,7 +133,7 @@ def report(result: dict) -> str:
     given_up = sum(not any(m in row["seconds"] for m in BASE) for row in everything)
     return wrapped("\n\n".join([
         "# What `auto` chooses, and what that costs",
-        "Written by `python -m benchmarks.speed.speed.method_choice`; the figures stand in [method_choice.json](method_choice.json), and "
+        "Written by `python -m benchmarks.speed.method_choice`; the figures stand in [method_choice.json](method_choice.json), and "
         f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one "
         f"thread, commit {where['commit']}, {where['date']}, in {result['minutes']} minutes.",
         f"A cell is a model, a drive, a duration, communication steps and a tolerance. `dop853`, `rodas5p`, `radau9` and "

@@ -7,7 +7,7 @@ have been tuned to it; `ladders` are the same problem at falling tolerances.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Cell:
         return f"{self.scene}{law}, d = {self.damping:.4g}, {self.drive}, {self.duration:.3g} s, {call}, {self.tolerance:.1e}"
 
 
-@lru_cache(maxsize=None)
+@cache
 def built_in(scene: str) -> Model:
     return build_model(tower(STAGES) if scene == "tower" else load_scene(scene))
 

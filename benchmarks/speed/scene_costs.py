@@ -1,4 +1,4 @@
-"""What a scene costs, and what it does not pay for: ``python -m benchmarks.speed.speed.scene_costs`` writes docs/scene_costs.json and
+"""What a scene costs, and what it does not pay for: ``python -m benchmarks.speed.scene_costs`` writes docs/scene_costs.json and
 docs/scene-costs.md, in about 3 minutes.
 
 Everything is measured in C (scene_costs*.c, compiled with the kernel's own sources and flags); a C compiler is needed.  Times
@@ -26,7 +26,6 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-
 
 from benchmarks.harness import machine, problems
 from benchmarks.harness.page import table, wrapped
@@ -271,7 +270,7 @@ def report(result: dict) -> str:
     per_string = [number(r["rhs"]["min"] / r["strings"]) for r in (first, last)]
     blocks = [
         "# What a scene costs",
-        "Written by `python -m benchmarks.speed.speed.scene_costs`, which also defines each quantity; the figures stand in "
+        "Written by `python -m benchmarks.speed.scene_costs`, which also defines each quantity; the figures stand in "
         f"[scene_costs.json](scene_costs.json), and `--redraw` writes this page from them. Measured from C, in processor time, "
         f"on {where['processor']}, {where['system']}, one thread, commit {where['commit']}, {where['date']}, in "
         f"{result['seconds']} s; minimum (median) of {min(r['rhs']['batches'] for r in rows)} batches or more.",

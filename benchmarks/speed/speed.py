@@ -1,4 +1,4 @@
-"""Speed of the kernel and of the pythonfmu FMU: ``python -m benchmarks.speed.speed.speed`` writes docs/speed.json and docs/speed.md, in
+"""Speed of the kernel and of the pythonfmu FMU: ``python -m benchmarks.speed.speed`` writes docs/speed.json and docs/speed.md, in
 about a minute.
 
 Every row has an error beside its time: largest deviation of the nodes from a run by radau9 at tolerance 1e-13.  Runs of the
@@ -11,7 +11,6 @@ import sys
 import time
 
 import numpy as np
-
 
 from benchmarks.harness import machine, problems
 from benchmarks.harness.page import table, wrapped
@@ -121,7 +120,7 @@ def report(result: dict) -> str:
     where, conditions, fmu = result["machine"], result["conditions"], result["fmu"]
     return wrapped("\n\n".join([
         "# Speed",
-        "Written by `python -m benchmarks.speed.speed.speed`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
+        "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
         f"page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, commit "
         f"{where['commit']}, {where['date']}, in {result['seconds']} s.",
         f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on the top nodes, "

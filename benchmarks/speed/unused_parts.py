@@ -1,4 +1,4 @@
-"""What scenes pay for parts that they do not have: ``python -m benchmarks.speed.speed.unused_parts`` writes docs/unused_parts.json and
+"""What scenes pay for parts that they do not have: ``python -m benchmarks.speed.unused_parts`` writes docs/unused_parts.json and
 docs/unused-parts.md, in about two minutes.
 
 The kernel as it is and the kernel of the commit before actuators, moved nodes, point masses, drag, general force laws and memory
@@ -123,7 +123,7 @@ def report(result: dict) -> str:
     over = sum(r["ratio"] > 1.02 for r in rows)
     return wrapped("\n\n".join([
         "# What unused parts cost",
-        "Written by `python -m benchmarks.speed.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), and "
+        "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), and "
         f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, "
         f"commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
         "Processor time of the kernel over that of the kernel at commit "

@@ -6,7 +6,8 @@ python -m benchmarks.stability.branch_two [--redraw]
 from __future__ import annotations
 
 import math
-from typing import Callable, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure

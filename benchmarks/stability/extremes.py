@@ -5,8 +5,9 @@ python -m benchmarks.stability.extremes [--redraw]
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Callable, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.colors import LogNorm

@@ -10,8 +10,8 @@ The others: Hairer and Wanner, "Solving Ordinary Differential Equations II", 199
 from __future__ import annotations
 
 import math
-from typing import Callable, NamedTuple
-
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve

@@ -5,16 +5,17 @@ python -m benchmarks.stability.missed [--redraw]
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Callable, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.harness import problems
 from benchmarks.harness import page as common
+from benchmarks.harness import problems
 from benchmarks.peers import native, scipy_compiled, toolchain
 from tensegrity_core.files import scratch
 from tensegrity_core.kernel import Kernel

@@ -14,7 +14,7 @@ In the units h and sqrt(m/kappa) the one parameter left is delta = d / sqrt(m ka
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -142,7 +142,7 @@ def growth(delta, ratio=0.0):
     return np.where(root > 0.0, 2.0 * (1.0 - ratio) / (delta + root), -0.5 * delta)
 
 
-@lru_cache(maxsize=None)
+@cache
 def snap_time(delta: float, overload: float) -> float:
     """Time on branch II, from rest at u_max to u_min, in sqrt(m/kappa), under the dead load (1 + overload) f_max."""
     load = EDGE.f_max * (1.0 + overload)

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.harness import problems
 from benchmarks.harness import page as common
+from benchmarks.harness import problems
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.kernel import Kernel
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+
 from benchmarks.harness.page import new_figure, save, style
 
 from .data import front

@@ -1,4 +1,4 @@
-"""What a host's tolerance costs and loses: ``python -m benchmarks.work_precision.run.host_tolerance`` prints the table of docs/fmu.md.
+"""What a host's tolerance costs and loses: ``python -m benchmarks.work_precision.host_tolerance`` prints the table of docs/fmu.md.
 
 Every scenario of the thorough validation (fmu_src/validation/scenarios.py: d / 10, d and 10 d) and random held inputs, for each built-in
 scene, at tolerances from 1e-4 to 1e-12, against the kernel at 1e-13 by another method.  Runs that magnify a start error of
@@ -13,7 +13,6 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-
 
 from fmu_src.validation import compare, scenarios
 from tensegrity_core.kernel import simulate

@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
+
 from benchmarks.harness.problems import DAMPINGS, pushed
 from benchmarks.peers.ladder import tolerances
 from benchmarks.peers.native import Bench

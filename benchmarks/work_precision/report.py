@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from benchmarks.harness.page import table, wrapped
 from tensegrity_core.files import write_text
 
 from . import figures, nsh, targets
 from .data import ADAPTIVE, AUTO, CVODE, OWN, PLAIN, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio, ratios
 
-COMMAND = "python -m benchmarks.work_precision.run.run --redraw"
+COMMAND = "python -m benchmarks.work_precision.run --redraw"
 #: Errors, m, at which free flight and MuJoCo's problem are compared.
 FLIGHT, MUJOCO = 1e-7, (1e-4, 1e-6)
 TABLES = {
@@ -261,7 +262,7 @@ def introduction(result: dict) -> list[str]:
     limit = f"{limits[0]:g} s" + (f" (free flight: {limits[-1]:g} s)" if len(limits) > 1 else "")
     return [
         "# Work and precision",
-        "Written by `python -m benchmarks.work_precision.run.run`; the numbers stand in [work_precision.json](work_precision.json). "
+        "Written by `python -m benchmarks.work_precision.run`; the numbers stand in [work_precision.json](work_precision.json). "
         f"{where['processor']}, {where['system']}, Python {where['python']}, SciPy {where['scipy']}, SUNDIALS "
         f"{where['sundials']}, MuJoCo {where['mujoco']}, one thread, commit {where['commit']}, {where['date']}; {how} of "
         f"{result['seconds']} s, load average {where['load']}.",

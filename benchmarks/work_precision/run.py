@@ -1,4 +1,4 @@
-"""Work against precision: ``python -m benchmarks.work_precision.run.run`` writes docs/work_precision.json, the figures
+"""Work against precision: ``python -m benchmarks.work_precision.run`` writes docs/work_precision.json, the figures
 docs/figures/work_precision_*.{png,svg} and docs/work-precision.md.
 
 Every contender solves every problem (problems.py) at a ladder of tolerances or steps; error and time come from the same

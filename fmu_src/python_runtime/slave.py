@@ -23,8 +23,8 @@ from ..errors import InputError, SimulationError
 from ..kernel import Kernel
 from ..pythonfmu.enums import Fmi2Status
 from ..pythonfmu.fmi2slave import Fmi2Slave
-from .state import ERROR, INITIALIZATION, INSTANTIATED, READING, SETTING, State, StateError, STEPPING, TERMINATED
-from .table import number, Table
+from .state import ERROR, INITIALIZATION, INSTANTIATED, READING, SETTING, STEPPING, TERMINATED, State, StateError
+from .table import Table, number
 
 #: Messages about transitions in one step; a chattering string could otherwise fill the host's log.
 MAX_EVENTS = 1000

@@ -78,7 +78,7 @@ def spreads(model: Model, inputs: Inputs, size: float) -> tuple[Spread, Spread]:
 
 def _moved(base: Result, runs: list[Result]):
     """`shifts` and `loose` of a Spread."""
-    shifts = {t: 0.0 for t in base.transitions}
+    shifts = dict.fromkeys(base.transitions, 0.0)
     loose = []
     for run in runs:
         found = match(base.transitions, run.transitions)

@@ -12,7 +12,6 @@ import numpy as np
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, layout, outputs, size
 from tensegrity_core.model import Model
 
-
 #: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about below,
 #: all that is known counts.
 STARTED = ("position", "velocity", "wound_rest_length_rate", "motor_speed", "kinetic", "dissipated", "input_work", "throughput")
@@ -45,7 +44,7 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     return {output: known for output, known in out.items() if known}
 
 
-def _of_motion(model: Model, table: "_Table") -> dict[int, set[int]]:
+def _of_motion(model: Model, table: _Table) -> dict[int, set[int]]:
     """Positions, velocities and the kinetic energy of what moved nodes carry."""
     axes = len(model.axes)
     out: dict[int, set[int]] = {}

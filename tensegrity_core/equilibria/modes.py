@@ -31,7 +31,6 @@ from .. import laws, statics
 from ..model import Model
 from ..statics import NEUTRAL
 
-
 SPLIT = 1e-9  # of an eigenvalue: imaginary parts below are round-off
 
 

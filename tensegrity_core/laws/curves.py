@@ -9,9 +9,10 @@ that carry one force, as a function of the sum of their displacements.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Callable, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose packages load when first named: they take longer than all else at a command's start

@@ -69,8 +69,8 @@ class Event(NamedTuple):
 
     x: float
     loss: float
-    before: "Branch"
-    after: "Branch"
+    before: Branch
+    after: Branch
 
 
 class Memory:
@@ -103,11 +103,11 @@ class Memory:
         on = law.pieces[min(max(law.piece_of(u), 1), len(law.pieces)) - 1]
         return on.curve.value(u)[:2]
 
-    def slack(self, at: tuple[int, ...]) -> "Branch":
+    def slack(self, at: tuple[int, ...]) -> Branch:
         """The slack branch on which each part rests on a stretch."""
         return self._kept(("slack", *at), lambda: (Branch(self, at, 0, None, (), (), False),))[0]
 
-    def branches(self, at: tuple[int, ...]) -> tuple["Branch", ...]:
+    def branches(self, at: tuple[int, ...]) -> tuple[Branch, ...]:
         """The stable taut branches of these stretches, in order of the leading part's displacement; none, one or more."""
         return self._kept(at, lambda: _stable(self, at))
 
@@ -134,12 +134,12 @@ def _memory(element: Series, k: float) -> Memory:
     return Memory(element, k)
 
 
-def start(element: Series, k: float) -> "Branch":
+def start(element: Series, k: float) -> Branch:
     """The slack branch of an element that has never been stretched.  k: the string's own stiffness, N/m."""
     return memory(element, k).slack((0,) * len(element.parts))
 
 
-def follow(branch: "Branch", x: float) -> tuple["Branch", list[Event]]:
+def follow(branch: Branch, x: float) -> tuple[Branch, list[Event]]:
     """The branch after a continuous way to the elongation x (m), and the changes of branch on it."""
     events: list[Event] = []
     x = number("x", x)
@@ -239,11 +239,11 @@ class Branch:
         stretches, held = self.curve.chains[0].stretches, self.curve.chains[0].held
         return math.fsum((held, *(one.inverse(force) for one in stretches)))
 
-    def above(self) -> tuple["Branch", float]:
+    def above(self) -> tuple[Branch, float]:
         """The branch that follows the upper end while x increases, and the energy lost in changing to it, J."""
         return self._above
 
-    def below(self) -> tuple["Branch", float]:
+    def below(self) -> tuple[Branch, float]:
         """The branch that follows the lower end while x decreases, and the energy lost in changing to it, J."""
         return self._below
 

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -526,7 +526,7 @@ def piece_force(nsh: NSH, number: int, k: float):
     return tabulated
 
 
-@lru_cache(maxsize=None)
+@cache
 def _panels(nsh: NSH, number: int) -> tuple[tuple[float, ...], ...]:
     """Polynomials in t = -1..1, highest power first, on equal panels of a rise: as many as TABLE_ERROR asks for."""
     piece, largest = curve(nsh).pieces[number - 1], curve(nsh).end_force

@@ -78,7 +78,7 @@ class Table(_Numbers):
 class Parallel(_Parts):
     """Equal elongations, forces add up."""
 
-    parts: tuple["Element", ...]
+    parts: tuple[Element, ...]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Series(_Parts):
     stiffness in series; only as the outermost element of a string, and of parts without memory).
     """
 
-    parts: tuple["Element", ...]
+    parts: tuple[Element, ...]
     law: str = "single_valued"
 
 

@@ -146,7 +146,7 @@ class Model:
         self._freeze("fixed", bool)
         shapes = {"nodes": (self.counts["N"], 3), "nominal": (self.counts["N"], 3), "velocity": (self.counts["N"], 3)}
         shapes |= {"fixed": (self.counts["N"],), "bar_mass": (self.counts["B"],)}
-        shapes |= {name: (self.counts["S"],) for name in ("stiffness", "damping", "rest_length")}
+        shapes |= dict.fromkeys(("stiffness", "damping", "rest_length"), (self.counts["S"],))
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise InputError(f"{name} has the shape {getattr(self, name).shape}; give one of shape {shape}")

@@ -13,7 +13,7 @@ from .equations import bar_force_density, damping_tension, diagonal, elastic_ten
 from .structure import Structure
 
 
-def ground_forces(s: "Structure", Nddot, F, bars):
+def ground_forces(s: Structure, Nddot, F, bars):
     """Forces of the ground on the structure (3, n) N: at the fixed nodes, what eq. 1 lacks there under the other forces F and
     those of the bars, B lambda C_b."""
     return (Nddot.dot(s.M) - F - bars) * s.fixed
