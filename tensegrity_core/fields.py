@@ -5,7 +5,7 @@ of `FIELDS`; a variable's index in that block is its value reference in both FMU
 block, in the order of `INTEGER_FIELDS`; their value references follow those of the reals.
 
 Adding an output: its row here, then ``python -m tensegrity_core.fields`` (rewrites native/fields.h); its value in the kernel,
-native/outputs.c, and its value in the reference, `reference.run._Run._record`.  Everything else follows: the FMUs'
+native/motion/outputs.c, and its value in the reference, `reference.run._Run._record`.  Everything else follows: the FMUs'
 variables, description and documentation, results and their files, validation.  An input or a parameter: its row, where native/
 reads it, and where `kernel.packing` starts it.
 
@@ -145,7 +145,7 @@ INTEGER_FIELDS = (
 # fmt: on
 
 #: Integration methods and what they are, in one line each; a method's place is its number in the kernel and in the FMUs.
-#: Adding one: its line here, then ``python -m tensegrity_core.fields``, and native/NAME.c with the table `ts_NAME`.
+#: Adding one: its line here, then ``python -m tensegrity_core.fields``, and native/methods/NAME.c with the table `ts_NAME`.
 METHOD_MEANINGS = {
     "auto": "explicit, and implicit where the motion is stiff",
     "dop853": "explicit Runge-Kutta method of order 8 by Dormand and Prince",

@@ -151,39 +151,41 @@ def _deep(one, path, factor):
 
 #: Name: file, text, and what stands there instead; scenes that have what is wrong.
 SOURCES = {
-    "inertia of a free bar": ("drives.c", "12.0 / (bar + 12.0 * inertia)", "12.00012 / (bar + 12.0 * inertia)", "six_bar"),
-    "inertia of a pinned bar": ("drives.c", "3.0 / (bar + 3.0 * tip)", "3.00003 / (bar + 3.0 * tip)", "two_bar"),
-    "centripetal acceleration": ("motion.c", "+ dot(cd, cd, D)) / dot", "+ 1.00001 * dot(cd, cd, D)) / dot", "three_bar"),
-    "arms of a free bar": ("motion.c", ": 0.5 * (f2[d] - f1[d])", ": 0.500005 * (f2[d] - f1[d])", "six_bar_nsh"),
-    "bar force": ("outputs.c", "+ 0.5 * axial)", "+ 0.500005 * axial)", "two_bar_nsh"),
-    "bar force of a turning bar": ("outputs.c", "mass[i] / 12.0 * speed", "mass[i] / 11.99988 * speed", "six_bar"),
-    "reaction": ("outputs.c", "(0.5 * a[d] + a_base[d])", "(0.500005 * a[d] + a_base[d])", "three_bar"),
-    "kinetic energy": ("outputs.c", "return 0.5 * sum +", "return 0.500005 * sum +", "two_bar"),
-    "dissipated energy": ("motion.c", "lost[l] += fd[i + l]", "lost[l] += 1.00001 * fd[i + l]", "three_bar"),
-    "work of rest lengths": ("motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
-    "moving rest length": ("motion.c", "rest[i] + (sim->rest_rate[i]", "rest[i] + (1.00001 * sim->rest_rate[i]", "six_bar"),
-    "force of a beam": ("nsh.c", "* (x * (x - 3.0) + 2.0) + 2.0); }", "* (x * (x - 3.0) + 2.0) + 2.00002); }", "two_bar_nsh"),
-    "stop of a beam": ("nsh.c", "xi += 2.0 * r->b[j].h", "xi += 2.00002 * r->b[j].h", "two_bar_nsh"),
-    "work of drag": ("drives.c", "* dot(speed, speed, D);", "* 1.00001 * dot(speed, speed, D);", "laboratory"),
-    "loss of a motor": ("drives.c", "p[0] += drive.loss * speed", "p[0] += 1.00001 * drive.loss * speed", "wound"),
-    "bar of a moved node": ("outputs.c", "sum += sim->laden", "sum += 1.00001 * sim->laden", "laboratory"),
-    "weight of the method": ("dop853_tableau.h", "{0.054293734116568765, 0, 0, 0", "{0.054294277054, 0, 0, 0", "three_bar"),
-    "loss in a snap": ("hysteresis.c", "*loss = fmax(0.0, before", "*loss = fmax(0.0, 1.00001 * before", "mast_memory"),
-    "spring of a string with memory": ("branches.c", "return T / g->k", "return 1.00001 * T / g->k", "mast_memory"),
+    "inertia of a free bar": ("motion/drives.c", "12.0 / (bar + 12.0 * inertia)", "12.00012 / (bar + 12.0 * inertia)", "six_bar"),
+    "inertia of a pinned bar": ("motion/drives.c", "3.0 / (bar + 3.0 * tip)", "3.00003 / (bar + 3.0 * tip)", "two_bar"),
+    "centripetal acceleration": ("motion/motion.c", "+ dot(cd, cd, D)) / dot", "+ 1.00001 * dot(cd, cd, D)) / dot", "three_bar"),
+    "arms of a free bar": ("motion/motion.c", ": 0.5 * (f2[d] - f1[d])", ": 0.500005 * (f2[d] - f1[d])", "six_bar_nsh"),
+    "bar force": ("motion/outputs.c", "+ 0.5 * axial)", "+ 0.500005 * axial)", "two_bar_nsh"),
+    "bar force of a turning bar": ("motion/outputs.c", "mass[i] / 12.0 * speed", "mass[i] / 11.99988 * speed", "six_bar"),
+    "reaction": ("motion/outputs.c", "(0.5 * a[d] + a_base[d])", "(0.500005 * a[d] + a_base[d])", "three_bar"),
+    "kinetic energy": ("motion/outputs.c", "return 0.5 * sum +", "return 0.500005 * sum +", "two_bar"),
+    "dissipated energy": ("motion/motion.c", "lost[l] += fd[i + l]", "lost[l] += 1.00001 * fd[i + l]", "three_bar"),
+    "work of rest lengths": ("motion/motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
+    "moving rest length": ("motion/motion.c", "rest[i] + (sim->rest_rate[i]", "rest[i] + (1.00001 * sim->rest_rate[i]", "six_bar"),
+    "force of a beam": ("laws/nsh.c", "* (x * (x - 3.0) + 2.0) + 2.0); }", "* (x * (x - 3.0) + 2.0) + 2.00002); }", "two_bar_nsh"),
+    "stop of a beam": ("laws/nsh.c", "xi += 2.0 * r->b[j].h", "xi += 2.00002 * r->b[j].h", "two_bar_nsh"),
+    "work of drag": ("motion/drives.c", "* dot(speed, speed, D);", "* 1.00001 * dot(speed, speed, D);", "laboratory"),
+    "loss of a motor": ("motion/drives.c", "p[0] += drive.loss * speed", "p[0] += 1.00001 * drive.loss * speed", "wound"),
+    "bar of a moved node": ("motion/outputs.c", "sum += sim->laden", "sum += 1.00001 * sim->laden", "laboratory"),
+    "weight of the method": ("methods/dop853_tableau.h", "{0.054293734116568765, 0, 0, 0", "{0.054294277054, 0, 0, 0", "three_bar"),
+    "loss in a snap": ("laws/memory/hysteresis.c", "*loss = fmax(0.0, before", "*loss = fmax(0.0, 1.00001 * before", "mast_memory"),
+    "spring of a string with memory": ("laws/memory/branches.c", "return T / g->k", "return 1.00001 * T / g->k", "mast_memory"),
 }
 
 
 def compiled(folder: Path) -> Path:
     """A folder with the kernel's sources and their objects, compiled for a short time of compilation."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for path in (*build.HERE.glob("*.c"), *build.HERE.glob("*.h"), *build.HERE.glob("*.def")):
-        shutil.copy(path, folder)
-    _compile(folder, sorted(path.name for path in folder.glob("*.c")))
+    for path in build.reads("kernel"):
+        if path.suffix in build.SOURCES:
+            target = folder / path.relative_to(build.HERE)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, target)
+    _compile(folder, [path.relative_to(build.HERE).as_posix() for path in build.kernel_sources()])
     return folder
 
 
 def _compile(folder: Path, names: list[str]) -> None:
-    command = [*(build.system_compiler() or build.zig()), "-std=c99", "-O1", "-fPIC", "-fvisibility=hidden", "-c"]
+    command = [*(build.system_compiler() or build.zig()), "-std=c99", "-O1", "-fPIC", "-fvisibility=hidden", "-I.", "-c"]
     subprocess.run([*command, *names], cwd=folder, check=True)
 
 

@@ -25,7 +25,7 @@ DIMENSIONS = pytest.mark.parametrize("D", [2, 3])
 SHIM = """
 #include <stdlib.h>
 #include <string.h>
-#include "blocks.h"
+#include "linear/blocks.h"
 #if defined(_WIN32)
 #define API __declspec(dllexport)
 #else
@@ -74,7 +74,7 @@ def library(tmp_path_factory):
     (folder / "shim.c").write_text(SHIM, encoding="utf-8")
     command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
-    sources = [str(folder / "shim.c"), str(NATIVE / "blocks.c")]
+    sources = [str(folder / "shim.c"), *(str(NATIVE / "linear" / name) for name in ("pattern.c", "blocks.c"))]
     target = folder / build.LIBRARY
     run = subprocess.run(
         [*command, *build.FLAGS, f"-I{NATIVE}", *sources, *extra, "-o", str(target)], capture_output=True, text=True

@@ -24,7 +24,7 @@ library = test_blocks.library
 MU_H = (3.6556943 + 6.5437369j, 5.7009533 + 3.2102656j)
 
 SHIM = """
-#include "complex_blocks.h"
+#include "linear/complex_blocks.h"
 #if defined(_WIN32)
 #define API __declspec(dllexport)
 #else
@@ -46,7 +46,7 @@ def complex_library(tmp_path_factory):
     (folder / "shim.c").write_text(SHIM, encoding="utf-8")
     command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
-    sources = [str(folder / "shim.c"), str(NATIVE / "complex_blocks.c")]
+    sources = [str(folder / "shim.c"), str(NATIVE / "linear" / "complex_blocks.c")]
     target = folder / build.LIBRARY
     flags = [*build.FLAGS, "-Wall", "-Wextra", "-pedantic", "-Werror", f"-I{NATIVE}"]
     run = subprocess.run([*command, *flags, *sources, *extra, "-o", str(target)], capture_output=True, text=True)

@@ -25,7 +25,7 @@ HEAD = 4 * (13 + 5)
 
 
 def checked(body: bytes) -> bytes:
-    """The model with a right checksum (FNV-1a, see native/model.c)."""
+    """The model with a right checksum (FNV-1a, see native/model/packed.c)."""
     value = 14695981039346656037
     for byte in body:
         value = ((value ^ byte) * 1099511628211) & (2**64 - 1)

@@ -135,7 +135,7 @@ def test_plain_c_and_cpp_do_the_same_to_the_last_bit(name, fmu, sources, tmp_pat
 def test_every_method_does_the_same_in_plain_c(name, tmp_path):
     """In the plane and in space: real and complex systems, NSH, tension_only."""
     library = tmp_path / "plain.so"
-    options = ["-DTS_PLAIN_C", "-fPIC", "-shared"] + (["-std=c99", "-O1"] if name == "gcc" else [])
+    options = ["-DTS_PLAIN_C", "-fPIC", "-shared", f"-I{build.HERE}"] + (["-std=c99", "-O1"] if name == "gcc" else [])
     files = map(str, build.kernel_sources())
     subprocess.run([*compiler(name), *options, *files, "-o", str(library), "-lm"], check=True)
     for model in (changed(scene("two_bar_nsh"), damping=2000.0), changed(scene("three_bar"), damping_law="tension_only")):

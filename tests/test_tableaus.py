@@ -15,7 +15,7 @@ NATIVE = Path(tensegrity_core.__file__).parent / "native"
 
 def arrays(header: str) -> dict[str, np.ndarray]:
     """The constant arrays of a tableau header, by name."""
-    text = re.sub(r"/\*.*?\*/", "", (NATIVE / header).read_text(encoding="utf-8"), flags=re.S)
+    text = re.sub(r"/\*.*?\*/", "", (NATIVE / "methods" / header).read_text(encoding="utf-8"), flags=re.S)
     found = {}
     for name, dims, body in re.findall(r"static const double (\w+)((?:\[\d+\])*) = (.*?);", text, flags=re.S):
         shape = [int(n) for n in re.findall(r"\d+", dims)]

@@ -2,6 +2,9 @@
  * packed model. */
 #include "peer.h"
 
+#include "model/data.h"
+#include "motion/motion.h"
+
 #include <string.h>
 
 static void *make(peer *p, const char *method, double tolerance)

@@ -1,6 +1,13 @@
 /* The problem: right-hand side, Jacobian, events, outputs. */
 #include "peer.h"
 
+#include "linear/pattern.h"
+#include "model/data.h"
+#include "motion/jacobian.h"
+#include "motion/motion.h"
+#include "motion/outputs.h"
+#include "motion/pieces.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -11,7 +11,7 @@
 #ifndef PEER_H
 #define PEER_H
 
-#include "internal.h"
+#include "tensegrity.h"
 
 enum { PEER_NO_EVENTS, PEER_DIRECTED, PEER_PLAIN };
 

@@ -47,7 +47,7 @@ def compiler() -> list[str]:
 
 def kernel_sources(without: str = "") -> list[str]:
     """Paths of the kernel's C files, but for one that is replaced."""
-    return sorted(str(path) for path in NATIVE.glob("*.c") if path.name != without)
+    return [str(path) for path in kernel_build.kernel_sources() if path.name != without]
 
 
 def compile_program(sources: list[str], target: Path, extra: list[str] | None = None) -> Path:

@@ -12,7 +12,11 @@
  * do under all of them (halved and doubled from 1, again and again); `transition` and the fact `lost`: clock and count of
  * scene_costs_traced.c.  Times are processor times. */
 #define _POSIX_C_SOURCE 199309L
-#include "internal.h"
+#include "methods/systems.h"
+#include "model/data.h"
+#include "motion/jacobian.h"
+#include "motion/motion.h"
+#include "tensegrity.h"
 
 #include <stdio.h>
 #include <stdlib.h>

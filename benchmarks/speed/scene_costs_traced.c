@@ -7,7 +7,9 @@
  * Attempts lost: the step with the transition goes only part of its way, and those after the new start are short or rejected
  * until one is as long again.  Lost are the attempts of that time, less as many steps of the former length as cover it. */
 #define _POSIX_C_SOURCE 199309L
-#include "internal.h"
+#include "model/data.h"
+#include "steps/auto.h"
+#include "steps/events.h"
 
 #include <math.h>
 #include <time.h>
@@ -64,4 +66,4 @@ static void restart_ends(double tau)
 #define ts_first_transition(sim, method, tau, h, ...) \
     (search_begins(sim, tau, h), ts_first_transition(sim, method, tau, h, __VA_ARGS__))
 #define ts_review_restart(sim, tau, h) (ts_review_restart(sim, tau, h), restart_ends(tau))
-#include "integrate.c"
+#include "steps/integrate.c"

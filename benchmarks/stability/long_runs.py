@@ -174,7 +174,7 @@ def advance(kernel: Kernel, until: float, longest: float) -> None:
 
 def tableau(method: str) -> dict[str, np.ndarray]:
     """The constant arrays of a method's tableau in the kernel, by name."""
-    text = re.sub(r"/\*.*?\*/", "", (NATIVE / f"{method}_tableau.h").read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = re.sub(r"/\*.*?\*/", "", (NATIVE / "methods" / f"{method}_tableau.h").read_text(encoding="utf-8"), flags=re.DOTALL)
     found = {}
     for name, shape, body in re.findall(r"static const double (\w+)((?:\[\d+\])*) = (.*?);", text, flags=re.DOTALL):
         values = [float(x) for x in re.findall(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?", body)]

@@ -34,8 +34,11 @@ INTERNAL = b"""#ifndef TS_INTERNAL
 
 """
 
-#: Stands above the headers in sources/ that include no other of the sources' headers.
+#: Stands above the headers in sources/, but for those that include FMI's, which must come first.
 PREFIXED = b'#include "prefix.h"\n\n'
+
+#: An include of one of the kernel's files, by its path below the folder of the kernel's sources.
+_INCLUDED = re.compile(rb'^#include "[^"]*/', re.MULTILINE)
 
 #: A function that a header declares.
 _DECLARED = re.compile(r"^[A-Za-z][\w ]*[ *](\w+)\([^;{]*\);", re.MULTILINE)
@@ -105,14 +108,17 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
 
 
 def source_files(identifier: str) -> dict[str, bytes]:
-    """What goes into sources/: kernel and FMI functions, and how to compile them.  The FMI headers are the importer's."""
-    paths = [path for folder in (build.HERE, build.RUNTIME) for path in sorted(folder.iterdir()) if path.suffix in build.SOURCES]
-    files = {path.name: path.read_bytes() for path in paths}
+    """What goes into sources/: kernel and FMI functions, and how to compile them.  The FMI headers are the importer's.
+
+    All in one folder, so that a compiler needs no options: the kernel's folders fall away here and in its includes.
+    """
+    paths = [path for path in build.reads("native") if path.suffix in build.SOURCES]
+    files = {path.name: _INCLUDED.sub(b'#include "', path.read_bytes()) for path in paths}
     if len(files) < len(paths):
         raise PackError("two source files have the same name; in sources/ one would hide the other")
     files["prefix.h"] = prefix_header(files)
     files["tensegrity.h"] = INTERNAL + files["tensegrity.h"]
-    for name in ("tensegrity.h", "blocks.h", "resources.h"):
+    for name in ("resources.h", *(path.name for path in build.reads("kernel") if path.suffix == ".h")):
         files[name] = PREFIXED + files[name]
     files["buildDescription.xml"] = build_description(identifier, compiled_of(files))
     return files

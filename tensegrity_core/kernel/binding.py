@@ -283,7 +283,7 @@ class Kernel:
 
     @property
     def state(self) -> np.ndarray:
-        """Generalised state [q, q', dissipated, input work, throughput]; see native/motion.c."""
+        """Generalised state [q, q', dissipated, input work, throughput]; see native/motion/motion.c."""
         y = np.empty(self._library.ts_state_length(self._sim))
         self._library.ts_get_state(self._sim, _pointer(y))
         return y

@@ -95,7 +95,7 @@ class _Programs:
 
 
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
-    """The model as the packed bytes that the kernel reads; the layout stands in native/model.c.
+    """The model as the packed bytes that the kernel reads; the layout stands in native/model/packed.c.
 
     method, tolerance, max_step: defaults of the fields of these names.
     """

@@ -30,6 +30,19 @@ PYTHON_RUNTIME = HERE.parent.parent / "fmu_src" / "python_runtime"
 LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
 FMU_LIBRARY = "tensegrity_fmu" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PYTHON_LIBRARY = FMU_LIBRARY.replace("_fmu", "_python")
+#: Order of the folders of the kernel's sources: a file includes files of its own order and of later ones.  The last holds what
+#: a host sees, and what all share: the public header, the list of fields, the list of errors.
+ORDERS = {
+    "interface": 1,
+    "steps": 2,
+    "methods": 3,
+    "motion": 4,
+    "laws": 5,
+    "laws/memory": 5,
+    "model": 6,
+    "linear": 7,
+    ".": 8,
+}
 #: Suffixes of files that the compiler reads.
 SOURCES = {".c", ".h", ".def"}
 #: Runs on any processor of the platform's baseline; contraction off, so that platforms agree to the last digits.
@@ -87,7 +100,8 @@ def zig(platform: str | None = None) -> list[str]:
 
 
 def kernel_sources() -> list[Path]:
-    return sorted(HERE.glob("*.c"))
+    """They include each other by paths below HERE, so that folder must be among the compiler's."""
+    return [path for room in ORDERS for path in sorted((HERE / room).glob("*.c"))]
 
 
 def runtime_sources() -> list[Path]:
@@ -101,7 +115,8 @@ def python_runtime_sources() -> list[Path]:
 
 def reads(kind: str) -> list[Path]:
     """Files that determine a library, 'kernel', 'native' or 'python': sources, and how they are compiled."""
-    folders = {"kernel": [HERE], "native": [HERE, RUNTIME], "python": [PYTHON_RUNTIME]}[kind]
+    rooms = [HERE / room for room in ORDERS]
+    folders = {"kernel": rooms, "native": [*rooms, RUNTIME], "python": [PYTHON_RUNTIME]}[kind]
     found = [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SOURCES]
     if kind == "python":
         found += sorted(RUNTIME.glob("resources.*"))
@@ -143,7 +158,7 @@ def _compile(target: Path, command: list[str], sources: list[Path], options: lis
 def compile_library(directory: Path, command: list[str] | None = None) -> Path:
     """The kernel for this platform, into a folder."""
     command = command or system_compiler() or zig()
-    return _compile(directory / LIBRARY, command, kernel_sources(), [], sys.platform == "win32")
+    return _compile(directory / LIBRARY, command, kernel_sources(), [f"-I{HERE}"], sys.platform == "win32")
 
 
 def _compile_for(platform: str | None, target: Path, sources: list[Path], options: list[str]) -> Path:
@@ -170,7 +185,7 @@ def compile_python_library(target: Path, platform: str | None = None) -> Path:
 
 def compile_kernel(target: Path, platform: str | None = None) -> Path:
     """The kernel for the Python FMU; platform: see _compile_for."""
-    return _compile_for(platform, target, kernel_sources(), [])
+    return _compile_for(platform, target, kernel_sources(), [f"-I{HERE}"])
 
 
 class KernelHook(BuildHookInterface):

@@ -1,0 +1,11 @@
+/* Are inputs, parameters and outputs acceptable?  A status; where it is not TS_OK the message says why. */
+#ifndef TENSEGRITY_CHECKS_H
+#define TENSEGRITY_CHECKS_H
+
+#include "tensegrity.h"
+
+int ts_all_finite(const double *x, int n);
+int ts_check_change(ts_sim *sim, double h);
+int ts_check_outputs(ts_sim *sim, const char *when);
+
+#endif

@@ -1,0 +1,17 @@
+/* Why a call failed, in words. */
+#include "interface/message.h"
+#include "model/data.h"
+#include "tensegrity.h"
+
+#include <stdio.h>
+
+static const char *const status_names[] = {
+#define TS_ERROR(name, text) #name,
+#include "errors.def"
+#undef TS_ERROR
+};
+
+void ts_say(ts_sim *sim, const char *text) { snprintf(sim->message, sizeof sim->message, "%s", text); }
+
+const char *ts_message(const ts_sim *sim) { return sim->message; }
+const char *ts_status_name(int status) { return status >= 0 && status < TS_STATUS_COUNT ? status_names[status] : "?"; }

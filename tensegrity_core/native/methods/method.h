@@ -1,0 +1,40 @@
+/* What the stepping loop knows of a method: a table of functions and properties. */
+#ifndef TENSEGRITY_METHOD_H
+#define TENSEGRITY_METHOD_H
+
+#include "fields.h"
+#include "tensegrity.h"
+
+enum {
+    TS_IMPLICIT = 1,         /* linearly implicit: uses the Jacobian */
+    TS_FIXED_STEP = 2,       /* takes the step it is given */
+    TS_ALWAYS_DENSE = 8,     /* its dense output is used anyway, to start the next step */
+    TS_CLIPPED = 16,         /* dense output is weaker than the step: no step passes a communication point */
+    TS_LEDGER_IN_STAGES = 4, /* the ledger's integrals are among the stages; else the driver integrates the dense output */
+};
+
+/* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, and
+ * a line in fields.py. */
+typedef struct {
+    const char *name;
+    double exponent;    /* of the error in the step size control */
+    double growth;      /* largest growth of the step */
+    double smoothing;   /* exponent of the last step's error there (Gustafsson): fewer rejections */
+    int flags;
+    int splits;         /* transitions located in one step at most; 0: all */
+    int rows;           /* of cont that its dense output uses */
+    /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
+    double (*attempt)(ts_sim *sim, double tau, double h);
+    /* after acceptance: y1 has been put on the constraint; leave the derivative there in f1 */
+    void (*accept)(ts_sim *sim, double tau, double h);
+    /* dense output in rows 1.. of cont, row 0 being the step's start; only called when it is asked for */
+    void (*densify)(ts_sim *sim, double tau, double h);
+    /* components first..first+count-1 of y at tau + theta h, from cont alone */
+    void (*interpolate)(const ts_sim *sim, double theta, int first, int count, double *out);
+} ts_method;
+
+#define TS_METHOD(NAME, name) extern const ts_method ts_##name;
+TS_METHODS(TS_METHOD)
+#undef TS_METHOD
+
+#endif

@@ -1,0 +1,81 @@
+/* Linearly implicit, order 2, fixed step, fixed cost: two right-hand sides, one factorisation, two solves, no iteration and
+ * no rejected step.  Sources: ros2_tableau.h.
+ *
+ * The method keeps its order with any matrix in the place of the Jacobian, so it takes the part that damps
+ * (ts_damping_jacobian): the system that it solves is then never singular, whatever stiffness, damping and step.  Where a
+ * string is too stiff for the step to resolve, the more damping of the two coefficients keeps what strings do to each other
+ * when they go slack and taut from feeding on itself.  Dense output is the cubic through positions and velocities at both
+ * ends, which no fast transient of a force can spoil. */
+#include "methods/method.h"
+#include "methods/stages.h"
+#include "methods/systems.h"
+#include "model/data.h"
+#include "motion/jacobian.h"
+#include "motion/motion.h"
+
+#include <math.h>
+
+#include "methods/ros2_tableau.h"
+
+/* Is a string so stiff that the step spans more than this many radians of its oscillation between its ends? */
+#define RESOLVED 3.0
+
+static int too_stiff(const ts_sim *sim, double h)
+{
+    const ts_model *m = &sim->m;
+    double limit = RESOLVED * RESOLVED / (h * h);
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        const ts_term *t = m->term + 4 * i;
+        double inverse = 0.0;
+        if (sim->curve[i].piece[sim->piece[i]].kind > TS_STRAIGHT) continue; /* k acts where the law has come to its end */
+        for (int k = 0; k < m->term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inv[t[k].block];
+        if (sim->values[m->at[TS_STIFFNESS] + i] * inverse > limit) return 1;
+    }
+    return 0;
+}
+
+static double attempt(ts_sim *sim, double tau, double h)
+{
+    int n = padded(2 * sim->m.nq), stride = sim->m.stride, robust = too_stiff(sim, h);
+    double a = 1.0 / (GAMMA[robust] * h), *U = sim->k;
+    ts_damping_jacobian(sim, tau, sim->y);
+    if (!ts_stage_factorise(sim, a)) return NAN;
+    for (int i = 0; i < n; i++) U[i] = sim->f0[i];
+    ts_stage_solve(sim, a, U);
+    add_stages(sim->y, A[robust], 1, U, stride, 1.0, n, sim->ytmp);
+    ts_project(sim, sim->ytmp); /* else it would see strings stretched by the square of the step */
+    ts_rhs(sim, tau + ALPHA * h, sim->ytmp, sim->f1);
+    add_stages(sim->f1, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
+    ts_stage_solve(sim, a, U + stride);
+    add_stages(sim->y, M[robust], 2, U, stride, 1.0, n, sim->y1);
+    return 0.0;
+}
+
+static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->y1, sim->f1); }
+
+/* Rows: q0, h q0', then what the cubic adds in theta^2 and theta^3. */
+static void densify(ts_sim *sim, double tau, double h)
+{
+    int nq = sim->m.nq, stride = sim->m.stride;
+    const double *q0 = sim->y, *v0 = q0 + nq, *q1 = sim->y1, *v1 = q1 + nq;
+    double *c1 = sim->cont + stride, *c2 = c1 + stride, *c3 = c2 + stride;
+    (void)tau;
+    for (int i = 0; i < nq; i++) {
+        double dq = q1[i] - q0[i], start = h * v0[i], end = h * v1[i];
+        c1[i] = start;
+        c2[i] = 3.0 * dq - 2.0 * start - end;
+        c3[i] = start + end - 2.0 * dq;
+        c1[nq + i] = 2.0 * c2[i] / h; /* the velocity is its derivative */
+        c2[nq + i] = 3.0 * c3[i] / h;
+        c3[nq + i] = 0.0;
+    }
+}
+
+static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
+{
+    int stride = sim->m.stride;
+    const double *c = sim->cont + first;
+    for (int i = 0; i < count; i++) out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * c[3 * stride + i]));
+}
+
+const ts_method ts_ros2 = {"ros2", 1.0, 1.0, 0.0, TS_FIXED_STEP | TS_IMPLICIT, 4, 4, attempt, accept, densify, interpolate};

@@ -1,0 +1,36 @@
+/* Sums over stages, shared by the methods.  With constant coefficients and count the compiler unrolls the sum, drops zeros
+ * and works on several components at once.  Arrays are padded with zeros to a multiple of TS_LANES. */
+#ifndef TENSEGRITY_STAGES_H
+#define TENSEGRITY_STAGES_H
+
+#include "linear/pairs.h"
+#include "model/model.h"
+
+/* Components of a vector of n, with padding. */
+ALWAYS_INLINE int padded(int n) { return (n + TS_LANES - 1) & ~(TS_LANES - 1); }
+
+/* out = scale * sum over count rows of a_j k_j */
+ALWAYS_INLINE void sum_stages(const double *a, const int count, const double *RESTRICT k, int stride, double scale, int n,
+                              double *RESTRICT out)
+{
+    for (int i = 0; i < n; i++) {
+        double sum = 0.0;
+        UNROLL for (int j = 0; j < count; j++)
+            if (a[j] != 0.0) sum += a[j] * k[j * stride + i];
+        out[i] = scale * sum;
+    }
+}
+
+/* out = y + scale * sum over count rows of a_j k_j */
+ALWAYS_INLINE void add_stages(const double *RESTRICT y, const double *a, const int count, const double *RESTRICT k, int stride,
+                              double scale, int n, double *RESTRICT out)
+{
+    for (int i = 0; i < n; i++) {
+        double sum = 0.0;
+        UNROLL for (int j = 0; j < count; j++)
+            if (a[j] != 0.0) sum += a[j] * k[j * stride + i];
+        out[i] = y[i] + scale * sum;
+    }
+}
+
+#endif

@@ -1,0 +1,357 @@
+/* What moves a structure, loads it or slows it down beside strings, gravity and external forces.
+ *
+ * Point masses.  A mass m_p at a bar's end adds to its inertia; r is then the bar's centre of mass, its ends at r - lower b and
+ * r + upper b with lower = (m/2 + m_2)/(m + m_1 + m_2), so that r and b stay decoupled:
+ *     (m + m_1 + m_2) r'' = F,    I b'' = P (upper f2 - lower f1) - I (|b'|^2/|b|^2) b,
+ *     I = m/12 + m (lower - 1/2)^2 + m_1 lower^2 + m_2 upper^2;    pinned: I = m/3 + m_p.
+ * Drag.  A force -c v on a node.
+ * Moved nodes.  Over a step x = x_0 + v t + a t^2/2.  A bar pinned there feels -(m/2 + m_p) a like a weight.  A jump of v by dv
+ * is an impulse: c' changes by -kappa P dv, kappa = (m/2 + m_p)/(m/3 + m_p).  A jump of x carries the bar along without one.
+ * Actuators, eq. 8 with the sign of winding in: J_a delta'' + d_a delta' = k_a i - r T, xi0 = xi0(0) - r delta.  The coordinate
+ * is w = r delta, in m, with the inertia J_a/r^2: (J_a/r^2) w'' = (k_a/r) i - T - (d_a/r^2) w'; a load on the drum adds to T.
+ * Each actuator has a block of its own, behind those of the bars, of which it uses the first number. */
+#include "motion/drives.h"
+#include "linear/pairs.h"
+#include "linear/pattern.h"
+#include "model/data.h"
+#include "motion/kinematics.h"
+
+#include <math.h>
+
+#define DERIVATIVES 5 /* of a moved node's position: from the position itself to the fourth */
+
+static int motor_at(const ts_sim *sim, int actuator)
+{
+    return (sim->m.blocks - sim->m.count[TS_A] + actuator) * sim->m.count[TS_D];
+}
+
+static double value(const ts_sim *sim, int field, int i) { return sim->values[sim->m.at[field] + i]; }
+
+/* --- point masses and gravity ------------------------------------------------------------------------------------------- */
+
+/* Coefficients of a free bar's ends, and with them those of the strings that hang on it. */
+static void place_ends(ts_model *m, ts_place_of_bar *p, double lower)
+{
+    p->lower = lower;
+    p->upper = 1.0 - lower;
+    m->node_coef[p->first] = -p->lower;
+    m->node_coef[p->second] = p->upper;
+}
+
+static void hang(ts_model *m, int string)
+{
+    ts_term *t = m->term + 4 * string;
+    for (int end = 0; end < 2; end++) {
+        int node = m->strings[2 * string + end];
+        if (m->node_block[node] < 0) continue;
+        if (m->node_centre[node] >= 0) t++;
+        t->kappa = (end ? 1.0 : -1.0) * m->node_coef[node];
+        t++;
+    }
+}
+
+/* Inertias and weights of the blocks, gravity's vector. */
+void ts_weigh(ts_sim *sim)
+{
+    ts_model *m = &sim->m;
+    const double *mass = sim->values + m->at[TS_BAR_MASS], *gravity = sim->values + m->at[TS_GRAVITY];
+    double *extra = sim->extra_mass;
+    for (int d = 0; d < m->count[TS_D]; d++) sim->g[d] = m->count[TS_V] > 1 ? gravity[d] : d == m->z_axis ? -gravity[0] : 0.0;
+    for (int i = 0; i < m->count[TS_P]; i++) extra[m->massed[i]] = value(sim, TS_POINT_MASS, i);
+    for (int i = 0; i < m->pinned_count; i++) {
+        int b = m->pinned[i].block;
+        double bar = mass[m->block_bar[b]], tip = extra[m->pinned[i].second];
+        sim->inv[b] = 3.0 / (bar + 3.0 * tip);
+        sim->laden[b] = 0.5 * bar + tip;
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        ts_place_of_bar *p = m->floating + i;
+        double bar = mass[m->block_bar[p->block]], m1 = extra[p->first], m2 = extra[p->second], all = bar + m1 + m2;
+        if (m->count[TS_P]) place_ends(m, p, (0.5 * bar + m2) / all);
+        double off = p->lower - 0.5, inertia = bar * off * off + m1 * p->lower * p->lower + m2 * p->upper * p->upper;
+        sim->inv[p->block] = 1.0 / all;
+        sim->laden[p->block] = all;
+        sim->inv[p->block + 1] = 12.0 / (bar + 12.0 * inertia);
+    }
+    for (int i = 0; i < m->lone_count; i++) {
+        int b = m->node_block[m->lone[i]];
+        sim->inv[b] = 1.0 / extra[m->lone[i]];
+        sim->laden[b] = extra[m->lone[i]];
+    }
+    for (int i = 0; m->count[TS_P] && i < m->count[TS_S]; i++) hang(m, i);
+}
+
+/* --- moved nodes -------------------------------------------------------------------------------------------------------- */
+
+static double first_nonzero(double a, double b, double c) { return a != 0.0 ? a : b != 0.0 ? b : c; }
+
+/* Position of a moved node and its derivatives at the step's start; a derivative of an input takes the place of the input that
+ * is meant to be that. */
+static void polynomial(const ts_sim *sim, const double *values, const double *slopes, int e, double *out)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    const double *bends = slopes + sim->n_inputs;
+    for (int d = 0; d < D; d++) {
+        int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i, a = m->at[TS_NODE_ACCELERATION] + i;
+        out[d] = values[x];
+        out[D + d] = first_nonzero(slopes[x], values[v], 0.0);
+        out[2 * D + d] = first_nonzero(bends[x], slopes[v], values[a]);
+        out[3 * D + d] = first_nonzero(bends[v], slopes[a], 0.0);
+        out[4 * D + d] = bends[a];
+    }
+}
+
+/* Derivative number `order` at tau. */
+static double derivative(const double *p, int D, int d, int order, double tau)
+{
+    double sum = 0.0;
+    for (int k = DERIVATIVES - 1; k >= order; k--) sum = sum * tau / (k + 1 - order) + p[k * D + d];
+    return sum;
+}
+
+/* Position and velocity of a moved node at tau from the step's start (D). */
+void ts_base_at(const ts_sim *sim, double tau, int e, double *x, double *v)
+{
+    int D = sim->m.count[TS_D];
+    const double *p = sim->base + DERIVATIVES * e * D;
+    for (int d = 0; d < D; d++) {
+        x[d] = derivative(p, D, d, 0, tau);
+        v[d] = derivative(p, D, d, 1, tau);
+    }
+}
+
+/* All of them, and into the node positions. */
+void ts_move_bases(ts_sim *sim, double tau)
+{
+    int D = sim->m.count[TS_D];
+    for (int e = 0; e < sim->m.count[TS_E]; e++) {
+        const double *p = sim->base + DERIVATIVES * e * D;
+        double *now = sim->base_now + 3 * e * D, *x = sim->x + 2 * D * sim->m.moved[e];
+        for (int d = 0; d < D; d++) {
+            for (int order = 0; order < 3; order++) now[order * D + d] = derivative(p, D, d, order, tau);
+            x[d] = now[d];
+            x[D + d] = now[D + d];
+        }
+    }
+}
+
+/* The impulse of velocities that differ from those that other inputs left at tau after their step's start; NULL: from those of
+ * the model's start. */
+void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, double tau)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        double before[3 * DERIVATIVES], jump[3], along = 0.0;
+        if (m->mover_bar[e] < 0) continue;
+        int block = m->bar_block[m->mover_bar[e]];
+        const double *c = sim->y + block * D, *now = sim->base + (DERIVATIVES * e + 1) * D;
+        const double *start = m->velocity + m->moved[e] * D;
+        if (values) polynomial(sim, values, slopes, e, before);
+        for (int d = 0; d < D; d++) jump[d] = now[d] - (values ? derivative(before, D, d, 1, tau) : start[d]);
+        for (int d = 0; d < D; d++) along += c[d] * jump[d] / (m->block_length[block] * m->block_length[block]);
+        double kappa = sim->laden[block] * sim->inv[block];
+        for (int d = 0; d < D; d++) sim->y[m->nq + block * D + d] -= kappa * (jump[d] - along * c[d]);
+    }
+}
+
+/* Do moved nodes move on under the inputs of the last step, while the inputs say where they are at its start? */
+int ts_inputs_move(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int i = m->at[TS_NODE_VELOCITY]; i < m->at[TS_NODE_ACCELERATION + 1]; i++)
+        if (sim->applied[i] != 0.0) return 1;
+    return 0;
+}
+
+/* A bar's share in the inertia force, on its block. */
+void ts_carry(const ts_sim *sim, double *Q)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        if (m->mover_bar[e] < 0) continue;
+        int block = m->bar_block[m->mover_bar[e]];
+        for (int d = 0; d < D; d++) Q[block * D + d] -= sim->laden[block] * sim->base_now[(3 * e + 2) * D + d];
+    }
+}
+
+/* Force of the mover on the structure along axis d; a: accelerations of the blocks. */
+static double pull_of_mover(const ts_sim *sim, double tau, const double *a, int e, int d)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D], node = m->moved[e], bar = m->mover_bar[e];
+    double at_base = sim->base_now[(3 * e + 2) * D + d] - sim->g[d]; /* what a mass there needs */
+    double force = sim->extra_mass[node] * at_base - sim->node_force[node * D + d];
+    if (bar < 0) return force;
+    int block = m->bar_block[bar], i = block * D + d, tip = m->bars[2 * bar] == node ? m->bars[2 * bar + 1] : m->bars[2 * bar];
+    double on_tip = sim->Qf[i] + (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau + sim->node_force[tip * D + d];
+    double mass = value(sim, TS_BAR_MASS, bar) + sim->extra_mass[tip];
+    return force + mass * at_base + sim->laden[block] * a[i] - on_tip;
+}
+
+/* --- drag --------------------------------------------------------------------------------------------------------------- */
+
+void ts_drag(ts_sim *sim, double *force)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int r = 0; r < m->count[TS_R]; r++) {
+        int node = m->dragged[r];
+        double c = value(sim, TS_DRAG, r);
+        for (int d = 0; d < D; d++) force[node * D + d] -= c * sim->x[(2 * node + 1) * D + d];
+    }
+}
+
+/* --- actuators ---------------------------------------------------------------------------------------------------------- */
+
+/* Length that has been wound in (m), or with y behind the positions its rate (m/s). */
+double ts_wound(const ts_sim *sim, const double *y, int string) { return y[motor_at(sim, sim->m.winder[string])]; }
+
+/* Rest lengths and rates of strings that are wound, in rest_now and rest_rate_now. */
+void ts_wind(ts_sim *sim, const double *y)
+{
+    for (int a = 0; a < sim->m.count[TS_A]; a++) {
+        int i = sim->m.wound[a];
+        sim->rest_now[i] -= ts_wound(sim, y, i);
+        sim->rest_rate_now[i] -= ts_wound(sim, y + sim->m.nq, i);
+    }
+}
+
+/* No rest length is left (within round-off). */
+int ts_wound_up(const ts_sim *sim)
+{
+    for (int a = 0; a < sim->m.count[TS_A]; a++) {
+        int i = sim->m.wound[a];
+        if (sim->rest[i] - ts_wound(sim, sim->y, i) < -1e-12 * sim->rest[i]) return 1;
+    }
+    return 0;
+}
+
+typedef struct {
+    double push, loss; /* (k_a/r) i less the load on the drum, N; d_a/r^2, N s/m */
+} motor;
+
+/* An input with its derivatives, and its rate. */
+static double held(const ts_sim *sim, int at, double tau, double *rate)
+{
+    double bend = sim->slopes[sim->n_inputs + at];
+    *rate = sim->slopes[at] + bend * tau;
+    return sim->values[at] + (sim->slopes[at] + 0.5 * bend * tau) * tau;
+}
+
+static motor motor_of(const ts_sim *sim, double tau, int a, double *push_rate)
+{
+    double r = value(sim, TS_DRUM_RADIUS, a), per_current = value(sim, TS_TORQUE_CONSTANT, a) / r, current_rate, load_rate;
+    double current = held(sim, sim->m.at[TS_CURRENT] + a, tau, &current_rate);
+    double load = held(sim, sim->m.at[TS_DRUM_LOAD] + a, tau, &load_rate);
+    *push_rate = per_current * current_rate - load_rate;
+    return MAKE(motor){per_current * current - load, value(sim, TS_MOTOR_DAMPING, a) / (r * r)};
+}
+
+/* Forces on the actuators' blocks. */
+void ts_motors(const ts_sim *sim, double tau, const double *v, double *Q)
+{
+    for (int a = 0; a < sim->m.count[TS_A]; a++) {
+        int at = motor_at(sim, a), i = sim->m.wound[a];
+        double rate;
+        motor drive = motor_of(sim, tau, a, &rate);
+        for (int d = 0; d < sim->m.count[TS_D]; d++) Q[at + d] = 0.0;
+        Q[at] = drive.push - (sim->fs[i] + sim->fd[i]) - drive.loss * v[at];
+    }
+}
+
+/* --- all of them -------------------------------------------------------------------------------------------------------- */
+
+/* What inputs and parameters make of actuators and moved nodes at the step's start. */
+void ts_drive(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int e = 0; e < m->count[TS_E]; e++)
+        polynomial(sim, sim->values, sim->slopes, e, sim->base + DERIVATIVES * e * m->count[TS_D]);
+    ts_move_bases(sim, 0.0);
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        double r = value(sim, TS_DRUM_RADIUS, a);
+        sim->inv[m->blocks - m->count[TS_A] + a] = r * r / value(sim, TS_MOTOR_INERTIA, a);
+    }
+}
+
+static void put_in(double *p, double power)
+{
+    p[1] += power;
+    p[2] += fabs(power);
+}
+
+/* Their part in the rates of the ledger's integrals (W); a: accelerations of the blocks. */
+void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double *a, double *p)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int r = 0; r < m->count[TS_R]; r++) {
+        const double *speed = sim->x + (2 * m->dragged[r] + 1) * D;
+        double power = value(sim, TS_DRAG, r) * dot(speed, speed, D);
+        p[0] += power;
+        p[2] += power;
+    }
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        double power = 0.0;
+        for (int d = 0; d < D; d++) power += pull_of_mover(sim, tau, a, e, d) * sim->base_now[(3 * e + 1) * D + d];
+        put_in(p, power);
+    }
+    for (int k = 0; k < m->count[TS_A]; k++) {
+        int i = m->wound[k];
+        double rate, speed = v[motor_at(sim, k)], taken = -(sim->fs[i] + sim->fd[i]) * sim->rest_rate_now[i];
+        motor drive = motor_of(sim, tau, k, &rate);
+        put_in(p, drive.push * speed);
+        p[0] += drive.loss * speed * speed;
+        p[2] += drive.loss * speed * speed;
+        if (!sim->rest_moves) continue; /* else the strings' loop has booked what the motor gives the string */
+        p[1] -= taken;
+        p[2] -= fabs(taken);
+    }
+}
+
+/* Entry (0, 0) of the Jacobian's block (row, column). */
+static int place(const ts_sim *sim, int row, int column)
+{
+    return sim->m.count[TS_D] * sim->m.count[TS_D] * ts_pattern_find(&sim->pattern, row, column);
+}
+
+static void drag_jacobian(ts_sim *sim, int r)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D], node = m->dragged[r], mover = m->mover[node], count = 0;
+    double c = value(sim, TS_DRAG, r), coef[2];
+    int block[2];
+    if (m->node_centre[node] >= 0) block[count] = m->node_centre[node], coef[count++] = 1.0;
+    block[count] = m->node_block[node], coef[count++] = m->node_coef[node];
+    for (int i = 0; i < count; i++) {
+        double w = -c * coef[i] * sim->inv[block[i]];
+        for (int d = 0; d < D && mover >= 0; d++) sim->ft[block[i] * D + d] += w * sim->base_now[(3 * mover + 2) * D + d];
+        for (int j = 0; j < count; j++) {
+            double *A = sim->Jv + place(sim, block[i], block[j]);
+            for (int d = 0; d < D; d++) A[d * D + d] += w * coef[j];
+        }
+    }
+}
+
+/* Their part in Jv and ft, but for what strings pass on; in jacobian.c that stands with the strings. */
+void ts_drive_jacobian(ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    for (int r = 0; r < m->count[TS_R]; r++) drag_jacobian(sim, r);
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        if (m->mover_bar[e] < 0) continue;
+        int block = m->bar_block[m->mover_bar[e]];
+        double w = -sim->laden[block] * sim->inv[block];
+        for (int d = 0; d < D; d++) sim->ft[block * D + d] += w * derivative(sim->base + DERIVATIVES * e * D, D, d, 3, tau);
+    }
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        int at = motor_at(sim, a), block = at / D;
+        double rate, loss = motor_of(sim, tau, a, &rate).loss;
+        sim->Jv[m->own_place[block]] -= sim->inv[block] * loss;
+        sim->ft[at] += sim->inv[block] * rate;
+    }
+}

@@ -1,0 +1,198 @@
+/* Analytic Jacobian of the accelerations, Jq = da/dq and Jv = da/dq', as the blocks of the structure's graph.
+ *
+ * ts_rhs_jacobian() is exact.  ts_damping_jacobian() keeps of it what cannot make a linearly implicit step singular: springs
+ * and tensions that pull back, dampers, the projector on both sides.  With the inertias as weights its blocks are symmetric
+ * and not positive, so that a^2 I - a Jv - Jq has an inverse at every a. */
+#include "motion/jacobian.h"
+#include "laws/curve.h"
+#include "laws/curves.h"
+#include "linear/pattern.h"
+#include "linear/pairs.h"
+#include "model/data.h"
+#include "motion/drives.h"
+#include "motion/kinematics.h"
+#include "motion/motion.h"
+
+#include <string.h>
+
+/* Derivatives of the string force T s/xi by s (Kq) and by s' (Kv), and its explicit time derivative (ft), from what the last
+ * ts_forces() left; returns the stiffness along the string. */
+ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, const int exact, double *Kq, double *Kv, double *ft, const int D)
+{
+    int lanes = sim->m.lanes;
+    double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
+    double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
+    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
+    if (sim->m.damped_count) {
+        double by_rate;
+        ts_damping_law(sim, i, sim->gap_rate[i], &by_rate);
+        damping += exact || by_rate > 0.0 ? by_rate : 0.0;
+    }
+    double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest_bend[i] + sim->rest_jerk[i] * tau;
+    double rate = sim->gap_rate[i] + (sim->m.winder[i] >= 0 ? sim->rest_rate_now[i] : rest_rate);
+    double density = (sim->fs[i] + sim->fd[i]) * over;
+    for (int d = 0; d < D; d++) {
+        u[d] = sim->s[d * lanes + i] * over;
+        ud[d] = damping * over * (sim->sd[d * lanes + i] - rate * u[d]);
+        ft[d] = -(slope * rest_rate + damping * rest_bend) * u[d];
+    }
+    if (!exact) {
+        density = density > 0.0 ? density : 0.0;
+        slope = slope > 0.0 ? slope : 0.0;
+    }
+    for (int r = 0; r < D; r++)
+        for (int c = 0; c < D; c++) {
+            Kq[r * D + c] = density * ((r == c) - u[r] * u[c]) + u[r] * (slope * u[c] + (exact ? ud[c] : 0.0));
+            Kv[r * D + c] = damping * u[r] * u[c];
+        }
+    return slope;
+}
+
+/* Explicit time derivative of a string's force through moved nodes that it hangs on. */
+ALWAYS_INLINE void moved_ends(const ts_sim *sim, int i, const double *Kq, const double *Kv, double *ft, const int D)
+{
+    const ts_model *m = &sim->m;
+    for (int end = 0; end < 2; end++) {
+        int mover = m->mover[m->strings[2 * i + end]];
+        if (mover < 0) continue;
+        const double *v = sim->base_now + (3 * mover + 1) * D, *a = v + D;
+        double sign = end ? 1.0 : -1.0;
+        for (int r = 0; r < D; r++) ft[r] += sign * (dot(Kq + r * D, v, D) + dot(Kv + r * D, a, D));
+    }
+}
+
+/* A string with an actuator: the tension depends on the length w that is wound in as on the string's own, and pulls w back. */
+static void wind(ts_sim *sim, int i, double slope, const double *Kq, const double *Kv, const double *ft)
+{
+    const ts_model *m = &sim->m;
+    const ts_term *t = m->term + 4 * i;
+    int D = m->count[TS_D], lanes = m->lanes, motor = m->blocks - m->count[TS_A] + m->winder[i];
+    double u[3], inv = sim->inv[motor], damping = 0.0;
+    for (int d = 0; d < D; d++) u[d] = sim->s[d * lanes + i] * sim->over[i];
+    for (int r = 0; r < D; r++) {
+        sim->ft[motor * D] -= inv * u[r] * ft[r];
+        for (int c = 0; c < D; c++) damping += u[r] * Kv[r * D + c] * u[c];
+    }
+    sim->Jq[m->own_place[motor]] -= inv * slope;
+    sim->Jv[m->own_place[motor]] -= inv * damping;
+    for (int k = 0; k < m->term_count[i]; k++) {
+        int row = D * D * ts_pattern_find(&sim->pattern, motor, t[k].block), column = D * D * ts_pattern_find(&sim->pattern, t[k].block, motor);
+        double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inv[t[k].block];
+        for (int d = 0; d < D; d++) {
+            double alongq = 0.0, alongv = 0.0;
+            for (int r = 0; r < D; r++) alongq += u[r] * Kq[r * D + d], alongv += u[r] * Kv[r * D + d];
+            sim->Jq[row + d] += w * alongq;
+            sim->Jv[row + d] += w * alongv;
+            sim->Jq[column + d * D] += back * slope * u[d];
+            sim->Jv[column + d * D] += back * damping * u[d];
+        }
+    }
+}
+
+ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const int D)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        if (!sim->taut[i] || sim->clipped[i]) continue;
+        double Kq[9], Kv[9], ft[3];
+        double slope = string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
+        if (m->count[TS_E]) moved_ends(sim, i, Kq, Kv, ft, D);
+        if (m->winder[i] >= 0) wind(sim, i, slope, Kq, Kv, ft);
+        const ts_term *t = m->term + 4 * i;
+        const int32_t *place = m->term_place + 16 * i;
+        for (int a = 0; a < m->term_count[i]; a++) {
+            double wa = -t[a].kappa * sim->inv[t[a].block];
+            for (int d = 0; d < D; d++) sim->ft[t[a].offset + d] += wa * ft[d];
+            for (int b = 0; b < m->term_count[i]; b++) {
+                double w = wa * t[b].kappa, *Aq = sim->Jq + place[4 * a + b], *Av = sim->Jv + place[4 * a + b];
+                for (int e = 0; e < D * D; e++) {
+                    Aq[e] += w * Kq[e];
+                    Av[e] += w * Kv[e];
+                }
+            }
+        }
+    }
+}
+
+/* A -= c (c' A)/|c|^2: P from the left. */
+ALWAYS_INLINE void project_rows(double *A, const double *c, double over, const int D)
+{
+    for (int k = 0; k < D; k++) {
+        double along = 0.0;
+        for (int d = 0; d < D; d++) along += c[d] * A[d * D + k];
+        for (int d = 0; d < D; d++) A[d * D + k] -= along * over * c[d];
+    }
+}
+
+/* A -= (A c) c'/|c|^2: P from the right. */
+ALWAYS_INLINE void project_columns(double *A, const double *c, double over, const int D)
+{
+    for (int d = 0; d < D; d++) {
+        double along = over * dot(A + d * D, c, D);
+        for (int k = 0; k < D; k++) A[d * D + k] -= along * c[k];
+    }
+}
+
+/* Rows of a bar vector: P from the left, then the derivatives of P and of the centripetal term. */
+ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, const double *Q, int b, const int exact, const int D)
+{
+    const ts_pattern *p = &sim->pattern;
+    double over = 1.0 / dot(c, c, D), w = sim->inv[b], cQ = w * dot(c, Q, D), speed = dot(cd, cd, D), *ft = sim->ft + b * D;
+    for (int n = p->row[b]; n < p->row[b + 1]; n++) {
+        project_rows(sim->Jq + n * D * D, c, over, D);
+        project_rows(sim->Jv + n * D * D, c, over, D);
+    }
+    double along = dot(c, ft, D) * over;
+    for (int d = 0; d < D; d++) ft[d] -= along * c[d];
+    double *Aq = sim->Jq + sim->m.own_place[b], *Av = sim->Jv + sim->m.own_place[b];
+    for (int r = 0; r < D && exact; r++)
+        for (int k = 0; k < D; k++) {
+            Aq[r * D + k] += over * (2.0 * (cQ + speed) * over * c[r] * c[k] - w * c[r] * Q[k] - (r == k) * (cQ + speed));
+            Av[r * D + k] -= 2.0 * over * c[r] * cd[k];
+        }
+    for (int r = 0; r < D && !exact; r++) Aq[r * D + r] -= over * speed;
+}
+
+ALWAYS_INLINE void turn_columns(ts_sim *sim, const double *q, const int D)
+{
+    const ts_pattern *p = &sim->pattern;
+    for (int i = 0; i < p->n; i++)
+        for (int n = p->row[i]; n < p->row[i + 1]; n++) {
+            int j = p->column[n];
+            if (!sim->m.block_turns[j]) continue;
+            double over = 1.0 / dot(q + j * D, q + j * D, D);
+            project_columns(sim->Jq + n * D * D, q + j * D, over, D);
+            project_columns(sim->Jv + n * D * D, q + j * D, over, D);
+        }
+}
+
+ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int exact, const int D)
+{
+    const ts_model *m = &sim->m;
+    size_t size = sizeof(double) * (size_t)sim->pattern.count * (size_t)(D * D);
+    const double *q = y, *v = y + m->nq;
+    ts_forces(sim, tau, y, sim->lin);
+    memset(sim->Jq, 0, size);
+    memset(sim->Jv, 0, size);
+    memset(sim->ft, 0, sizeof(double) * (size_t)m->nq);
+    for (int i = 0; sim->forces_move && i < m->nq; i++) sim->ft[i] = sim->inv[i / D] * (sim->Qf_rate[i] + tau * sim->Qf_bend[i]);
+    add_strings(sim, tau, exact, D);
+    if (m->driven) ts_drive_jacobian(sim, tau);
+    for (int b = 0; b < m->blocks; b++)
+        if (m->block_turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->lin + b * D, b, exact, D);
+    if (!exact) turn_columns(sim, q, D);
+}
+
+/* Jq, Jv and ft = da/dt. */
+void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y)
+{
+    sim->memory.stats[TS_JACOBIANS]++;
+    DISPATCH(sim, jacobian, sim, tau, y, 1);
+}
+
+/* The part that damps. */
+void ts_damping_jacobian(ts_sim *sim, double tau, const double *y)
+{
+    sim->memory.stats[TS_JACOBIANS]++;
+    DISPATCH(sim, jacobian, sim, tau, y, 0);
+}

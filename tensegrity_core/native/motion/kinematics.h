@@ -1,0 +1,34 @@
+/* Inline pieces that motion.c and jacobian.c share. */
+#ifndef TENSEGRITY_KINEMATICS_H
+#define TENSEGRITY_KINEMATICS_H
+
+#include "fields.h"
+#include "linear/pairs.h"
+#include "model/model.h"
+
+/* Call body(..., D) with D known to the compiler. */
+#define DISPATCH(sim, body, ...)                             \
+    do {                                                     \
+        if ((sim)->m.count[TS_D] == 2) body(__VA_ARGS__, 2); \
+        else body(__VA_ARGS__, 3);                           \
+    } while (0)
+
+ALWAYS_INLINE double dot(const double *a, const double *b, const int D)
+{
+    double sum = a[0] * b[0] + a[1] * b[1];
+    return D == 3 ? sum + a[2] * b[2] : sum;
+}
+
+/* String vector and its rate from the blocks. */
+ALWAYS_INLINE void string_vector(const ts_model *m, const double *q, const double *v, int i, double *s, double *sd, const int D)
+{
+    const ts_term *t = m->term + 4 * i;
+    for (int d = 0; d < D; d++) s[d] = m->s0[i * D + d], sd[d] = 0.0;
+    for (int k = 0; k < m->term_count[i]; k++)
+        for (int d = 0; d < D; d++) {
+            s[d] += t[k].kappa * q[t[k].offset + d];
+            sd[d] += t[k].kappa * v[t[k].offset + d];
+        }
+}
+
+#endif

@@ -1,0 +1,534 @@
+/* Equations of motion, bar by bar.
+ *
+ * Bars of class-1 structures meet only through strings, so with the generalised force Q of a block
+ *     centre of a free bar:   r'' = Q/m
+ *     vector of a free bar:   b'' = (12/m) P Q - (|b'|^2/|b|^2) b,   Q = (f2 - f1)/2
+ *     pinned bar:             c'' = (3/m) P Q - (|c'|^2/|c|^2) c,    Q = f_tip
+ *     point mass on no bar: x'' = Q/m_p
+ * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of
+ * mass; they, drag, moved nodes and actuators stand in drives.c.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
+ * lengths linear; ts_project() takes it out after every step.
+ *
+ * The state is y = [q, q', dissipated, input work, throughput].  External forces are mostly constant over a step; their work is
+ * then a difference and not integrated (integrate.c).  Functions with a parameter D are compiled for D = 2 and D = 3, so that a
+ * planar scene is computed in the plane, and those with a parameter `driven` also without what drives.c adds.  What concerns all
+ * strings alike is worked out for two of them at a time. */
+#include "motion/motion.h"
+#include "laws/curve.h"
+#include "laws/curves.h"
+#include "linear/pairs.h"
+#include "model/data.h"
+#include "motion/drives.h"
+#include "motion/kinematics.h"
+#include "motion/pieces.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Generalised force of forces on the free nodes (F, D). */
+static void generalise(const ts_model *m, const double *force, double *Q)
+{
+    int D = m->count[TS_D];
+    memset(Q, 0, sizeof(double) * (size_t)m->nq);
+    for (int n = 0; n < m->count[TS_N]; n++) {
+        int f = m->free_index[n];
+        if (f < 0) continue;
+        for (int d = 0; d < D; d++) {
+            if (m->node_centre[n] >= 0) Q[m->node_centre[n] * D + d] += force[f * D + d];
+            Q[m->node_block[n] * D + d] += m->node_coef[n] * force[f * D + d];
+        }
+    }
+}
+
+static int any(const double *x, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (x[i] != 0.0) return 1;
+    return 0;
+}
+
+/* Does an input have a derivative beyond the rate of a rest length? */
+int ts_sloped(const ts_sim *sim) { return any(sim->slopes, 2 * sim->n_inputs); }
+
+static void prepare_forces(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int force = m->at[TS_FORCE], count = m->count[TS_F] * m->count[TS_D];
+    generalise(m, sim->values + force, sim->Qf);
+    sim->forces_move = any(sim->slopes + force, count) || any(sim->slopes + sim->n_inputs + force, count);
+    for (int e = 0; e < m->count[TS_E]; e++) sim->forces_move |= m->mover_bar[e] >= 0;
+    if (!sim->forces_move) return;
+    generalise(m, sim->slopes + force, sim->Qf_rate);
+    generalise(m, sim->slopes + sim->n_inputs + force, sim->Qf_bend);
+}
+
+static void prepare_rest_lengths(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE];
+    const double *first = sim->slopes, *second = first + sim->n_inputs;
+    sim->rest_moves = sim->rest_bends = 0;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        sim->rest[i] = sim->values[length + i];
+        sim->rest_rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->values[rate + i];
+        sim->rest_bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
+        sim->rest_jerk[i] = second[rate + i];
+        if (m->winder[i] >= 0) sim->rest_rate[i] = sim->rest_bend[i] = sim->rest_jerk[i] = 0.0; /* the motor moves it */
+        sim->rest_bends |= sim->rest_bend[i] != 0.0 || sim->rest_jerk[i] != 0.0;
+        sim->rest_moves |= sim->rest_bends || sim->rest_rate[i] != 0.0;
+    }
+}
+
+/* External and gravity forces on the blocks and their inverse inertias at the step's start, and how inputs change. */
+void ts_prepare(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    ts_weigh(sim);
+    prepare_forces(sim);
+    memcpy(sim->Qg, sim->Qf, sizeof(double) * (size_t)m->nq);
+    for (int b = 0; b < m->blocks; b++)
+        for (int d = 0; d < D; d++) sim->Qg[b * D + d] += sim->laden[b] * sim->g[d];
+    prepare_rest_lengths(sim);
+    if (m->driven) ts_drive(sim);
+}
+
+/* Rest length of a string at tau from the step's start (m). */
+double ts_rest_length(const ts_sim *sim, int i, double tau)
+{
+    return sim->rest[i] + (sim->rest_rate[i] + (0.5 * sim->rest_bend[i] + sim->rest_jerk[i] * tau / 6.0) * tau) * tau;
+}
+
+/* Its rate (m/s). */
+double ts_rest_rate(const ts_sim *sim, int i, double tau)
+{
+    return sim->rest_rate[i] + (sim->rest_bend[i] + 0.5 * sim->rest_jerk[i] * tau) * tau;
+}
+
+ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double gap, double *slope)
+{
+    const ts_curve *c = sim->curve + i;
+    double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
+    return ts_curve_force(c, sim->piece[i], gap, k, slope);
+}
+
+/* Tension of a string on its present piece, and its elastic part (N). */
+double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
+{
+    double slope;
+    *fs = elastic(sim, i, gap, &slope);
+    if (!sim->taut[i] || sim->clipped[i]) return 0.0;
+    return *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
+}
+
+/* Node positions and velocities from the blocks, side by side. */
+ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int driven, const int D)
+{
+    for (int i = 0; i < m->pinned_count; i++) {
+        const ts_place_of_bar *p = m->pinned + i;
+        const double *base = driven ? x + 2 * D * p->first : m->anchor + p->second * D;
+        const double *c = q + p->block * D, *cd = v + p->block * D;
+        double *tip = x + 2 * D * p->second;
+        for (int d = 0; d < D; d++) {
+            tip[d] = base[d] + c[d];
+            tip[D + d] = driven ? base[D + d] + cd[d] : cd[d];
+        }
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        const ts_place_of_bar *p = m->floating + i;
+        const double *r = q + p->block * D, *b = r + D, *rd = v + p->block * D, *bd = rd + D;
+        const double lower = driven ? p->lower : 0.5, upper = driven ? p->upper : 0.5;
+        double *first = x + 2 * D * p->first, *second = x + 2 * D * p->second;
+        for (int d = 0; d < D; d++) {
+            first[d] = r[d] - lower * b[d];
+            first[D + d] = rd[d] - lower * bd[d];
+            second[d] = r[d] + upper * b[d];
+            second[D + d] = rd[d] + upper * bd[d];
+        }
+    }
+    for (int i = 0; driven && i < m->lone_count; i++) {
+        int n = m->lone[i], b = m->node_block[n] * D;
+        for (int d = 0; d < D; d++) {
+            x[2 * D * n + d] = q[b + d];
+            x[2 * D * n + D + d] = v[b + d];
+        }
+    }
+}
+
+/* The same component of two strings' vectors, from their ends. */
+ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1, const double *b1, int d)
+{
+    return pair_subtract(pair_of(b0[d], b1[d]), pair_of(a0[d], a1[d]));
+}
+
+/* String vectors, elongations, rates, and the tensions where force curves are straight, for two strings at a time: numbers
+ * stay in registers until they are complete, which the processor would otherwise wait for. */
+ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const double *rest, const double *rest_rates, const int D)
+{
+    const int lanes = sim->m.lanes;
+    const int32_t *ends = sim->m.ends;
+    const pair least = pair_both(1e-150);
+    for (int i = 0; i < lanes; i += 2) {
+        const double *a0 = x + ends[2 * i], *b0 = x + ends[2 * i + 1], *a1 = x + ends[2 * i + 2], *b1 = x + ends[2 * i + 3];
+        pair s[3], ss = pair_both(0.0), sv = ss;
+        for (int d = 0; d < D; d++) {
+            s[d] = between(a0, b0, a1, b1, d);
+            pair sd = between(a0, b0, a1, b1, D + d);
+            pair_store(sim->s + d * lanes + i, s[d]);
+            pair_store(sim->sd + d * lanes + i, sd);
+            ss = d ? pair_add_product(ss, s[d], s[d]) : pair_multiply(s[d], s[d]);
+            sv = d ? pair_add_product(sv, s[d], sd) : pair_multiply(s[d], sd);
+        }
+        pair xi = pair_of(sqrt(pair_first(ss)), sqrt(pair_second(ss))), rest_rate = pair_load(rest_rates + i);
+        pair over = pair_divide(pair_both(1.0), pair_larger(xi, least)), rate = pair_subtract(pair_multiply(sv, over), rest_rate);
+        pair gap = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
+        pair low = pair_load(sim->gap_low + i), high = pair_load(sim->gap_high + i);
+        pair_store(sim->over + i, over);
+        pair_store(sim->gap + i, gap);
+        pair_store(sim->gap_rate + i, rate);
+        pair_store(sim->fs + i, pair_multiply(pair_load(sim->k_on + i), gap));
+        pair_store(sim->fd + i, pair_multiply(pair_load(sim->d_on + i), rate));
+        pair_store(sim->gap_low + i, pair_smaller(low, gap));
+        pair_store(sim->gap_high + i, pair_larger(high, gap));
+    }
+}
+
+/* Elastic tension of the strings whose force curve is not straight. */
+static void curve_forces(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int n = 0; n < m->curved_count; n++) {
+        int i = m->curved[n];
+        double slope;
+        double k = sim->values[m->at[TS_STIFFNESS] + i];
+        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
+    }
+}
+
+/* Damping tension of the strings that have a law for it. */
+static void damper_forces(ts_sim *sim)
+{
+    for (int n = 0; n < sim->m.damped_count; n++) {
+        int i = sim->m.damped[n];
+        double slope;
+        if (sim->taut[i]) sim->fd[i] += ts_damping_law(sim, i, sim->gap_rate[i], &slope);
+    }
+}
+
+/* `tension_only`: a string whose damper outweighs its spring bears nothing. */
+static void clip(ts_sim *sim)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        if (!sim->taut[i]) continue;
+        double T = sim->fs[i] + sim->fd[i], margin = sim->clipped[i] ? -T : T;
+        if ((T < 0.0) != (sim->clipped[i] != 0)) sim->sign_changed[i] = 1;
+        if (margin < sim->margin_low[i]) sim->margin_low[i] = margin;
+        if (margin > sim->margin_high[i]) sim->margin_high[i] = margin;
+        if (sim->clipped[i]) sim->fs[i] = sim->fd[i] = 0.0;
+    }
+}
+
+/* Analysis only: the law as one formula, without located transitions. */
+static void place_by_elongation(ts_sim *sim)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        double lost = 0.0;
+        if (sim->gap[i] < sim->lo[i] || sim->gap[i] > sim->hi[i])
+            ts_place(sim, i, ts_curve_walk(sim->curve + i, sim->piece[i], sim->gap[i], 0.0, &lost));
+        sim->fs[i] = sim->k_on[i] * sim->gap[i];
+        sim->fd[i] = sim->d_on[i] * sim->gap_rate[i];
+        if (sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]) {
+            double slope, f = elastic(sim, i, sim->gap[i], &slope) + ts_damping_law(sim, i, sim->gap_rate[i], &slope);
+            sim->clipped[i] = f + sim->fd[i] < 0.0;
+        }
+    }
+}
+
+/* Rest lengths and their rates at tau. */
+static void bend_rest_lengths(ts_sim *sim, double tau)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        sim->rest_now[i] = ts_rest_length(sim, i, tau);
+        sim->rest_rate_now[i] = ts_rest_rate(sim, i, tau);
+    }
+}
+
+/* Kinematics and tensions of all strings: s, s', 1/xi, elongation, rate, f_s, f_d. */
+ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int driven, const int D)
+{
+    const ts_model *m = &sim->m;
+    if (driven) ts_move_bases(sim, tau);
+    spread(m, q, v, sim->x, driven, D);
+    if (sim->rest_bends || (driven && m->count[TS_A])) {
+        bend_rest_lengths(sim, tau);
+        if (driven) ts_wind(sim, q);
+        stretch(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
+    } else {
+        stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
+    }
+    if (sim->unlocated) place_by_elongation(sim);
+    if (m->curved_count) curve_forces(sim);
+    if (m->damped_count) damper_forces(sim);
+    if (m->damping_law == TS_TENSION_ONLY) clip(sim);
+}
+
+ALWAYS_INLINE void pull(const ts_sim *sim, double *RESTRICT force, const int D)
+{
+    const ts_model *m = &sim->m;
+    const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];
+    const int32_t *ends = m->strings;
+    const double *fs = sim->fs, *fd = sim->fd, *over = sim->over, *s = sim->s;
+    for (int i = 0; i < nodes * D; i++) force[i] = 0.0;
+    for (int i = 0; i < count; i++) {
+        const double density = (fs[i] + fd[i]) * over[i];
+        double *a = force + ends[2 * i] * D, *b = force + ends[2 * i + 1] * D;
+        for (int d = 0; d < D; d++) {
+            double f = density * s[d * lanes + i];
+            a[d] += f;
+            b[d] -= f;
+        }
+    }
+}
+
+/* Power of external forces that move; that of constant ones is a difference, see integrate.c. */
+static void external_power(const ts_sim *sim, double tau, const double *v, double *p)
+{
+    for (int i = 0; i < sim->m.nq; i++) {
+        double power = (sim->Qf[i] + (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau) * v[i];
+        p[1] += power;
+        p[2] += fabs(power);
+    }
+    for (int e = 0; e < sim->m.count[TS_E]; e++) { /* on what a moved node carries along */
+        int D = sim->m.count[TS_D], bar = sim->m.mover_bar[e], i = bar < 0 ? 0 : sim->m.bar_block[bar] * D;
+        const double *speed = sim->base_now + (3 * e + 1) * D;
+        for (int d = 0; d < D && bar >= 0; d++) {
+            double power = (sim->Qf[i + d] + (sim->Qf_rate[i + d] + 0.5 * sim->Qf_bend[i + d] * tau) * tau) * speed[d];
+            p[1] += power;
+            p[2] += fabs(power);
+        }
+    }
+}
+
+/* Rates of the ledger's integrals (W): dampers, rest lengths that move, external forces that move. */
+ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p, const int driven)
+{
+    double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
+    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate;
+    const double *rest_rate = sim->rest_bends || (driven && sim->m.count[TS_A]) ? sim->rest_rate_now : sim->rest_rate;
+    for (int i = 0; i < sim->m.lanes; i += TS_LANES)
+        for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
+    if (sim->rest_moves)
+        for (int i = 0; i < sim->m.lanes; i += TS_LANES)
+            for (int l = 0; l < TS_LANES; l++) {
+                double power = -(fs[i + l] + fd[i + l]) * rest_rate[i + l];
+                done[l] += power;
+                moved[l] += fabs(power);
+            }
+    p[0] = (lost[0] + lost[1]) + (lost[2] + lost[3]);
+    p[1] = (done[0] + done[1]) + (done[2] + done[3]);
+    p[2] = p[0] + ((moved[0] + moved[1]) + (moved[2] + moved[3]));
+    if (sim->forces_move) external_power(sim, tau, v, p);
+}
+
+static void move_forces(const ts_sim *sim, double tau, double *Q)
+{
+    for (int i = 0; i < sim->m.nq; i++) Q[i] += (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau;
+}
+
+/* Generalised forces on the blocks. */
+ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int driven, const int D)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; i < m->pinned_count; i++) {
+        const ts_place_of_bar *p = m->pinned + i;
+        for (int d = 0; d < D; d++) Q[p->block * D + d] = sim->Qg[p->block * D + d] + force[p->second * D + d];
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        const ts_place_of_bar *p = m->floating + i;
+        const double *Qg = sim->Qg + p->block * D, *f1 = force + p->first * D, *f2 = force + p->second * D;
+        double *Qr = Q + p->block * D, *Qb = Qr + D;
+        for (int d = 0; d < D; d++) {
+            Qr[d] = Qg[d] + (f1[d] + f2[d]);
+            Qb[d] = Qg[D + d] + (driven ? p->upper * f2[d] - p->lower * f1[d] : 0.5 * (f2[d] - f1[d]));
+        }
+    }
+    for (int i = 0; driven && i < m->lone_count; i++) {
+        int n = m->lone[i], b = m->node_block[n] * D;
+        for (int d = 0; d < D; d++) Q[b + d] = sim->Qg[b + d] + force[n * D + d];
+    }
+    if (sim->forces_move) move_forces(sim, tau, Q);
+    if (driven) ts_carry(sim, Q);
+}
+
+/* Accelerations of a bar vector c from its generalised force, in place. */
+ALWAYS_INLINE void turn(double w, const double *c, const double *cd, double *Q, const int D)
+{
+    double along = (w * dot(c, Q, D) + dot(cd, cd, D)) / dot(c, c, D);
+    for (int d = 0; d < D; d++) Q[d] = w * Q[d] - along * c[d];
+}
+
+ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, const int driven, const int D)
+{
+    const ts_model *m = &sim->m;
+    int nq = m->nq;
+    const double *q = y, *v = y + nq;
+    double *a = dy + nq;
+    strings(sim, tau, q, v, driven, D);
+    pull(sim, sim->node_force, D);
+    if (driven) ts_drag(sim, sim->node_force);
+    ledger_rates(sim, tau, v, dy + 2 * nq, driven);
+    gather(sim, tau, sim->node_force, a, driven, D);
+    for (int i = 0; i < nq; i++) dy[i] = v[i];
+    for (int i = 0; i < m->pinned_count; i++) {
+        int b = m->pinned[i].block;
+        turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
+    }
+    for (int i = 0; i < m->floating_count; i++) {
+        int r = m->floating[i].block, b = r + 1;
+        for (int d = 0; d < D; d++) a[r * D + d] *= sim->inv[r];
+        turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
+    }
+    if (!driven) return;
+    for (int i = 0; i < m->lone_count; i++) {
+        int b = m->node_block[m->lone[i]];
+        for (int d = 0; d < D; d++) a[b * D + d] *= sim->inv[b];
+    }
+    ts_motors(sim, tau, v, a);
+    for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inv[i / D];
+    ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
+}
+
+APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *dy) { DISPATCH(sim, rhs, sim, tau, y, dy, 1); }
+
+void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
+{
+    sim->memory.stats[TS_RHS]++;
+    if (sim->m.driven) {
+        driven_rhs(sim, tau, y, dy);
+        return;
+    }
+    DISPATCH(sim, rhs, sim, tau, y, dy, 0);
+}
+
+ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
+{
+    strings(sim, tau, y, y + sim->m.nq, 0, D);
+    ledger_rates(sim, tau, y + sim->m.nq, p, 0);
+}
+
+void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
+{
+    if (!sim->m.driven) {
+        DISPATCH(sim, power, sim, tau, y, p);
+        return;
+    }
+    driven_rhs(sim, tau, y, sim->lin); /* a moved node's power needs the accelerations */
+    memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
+}
+
+/* Strings' kinematics and tensions, and the generalised forces Q on the blocks: what the Jacobian starts from. */
+ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int driven, const int D)
+{
+    strings(sim, tau, y, y + sim->m.nq, driven, D);
+    pull(sim, sim->node_force, D);
+    if (driven) ts_drag(sim, sim->node_force);
+    gather(sim, tau, sim->node_force, Q, driven, D);
+    if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
+}
+
+void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
+{
+    if (sim->m.driven) DISPATCH(sim, forces, sim, tau, y, Q, 1);
+    else DISPATCH(sim, forces, sim, tau, y, Q, 0);
+}
+
+ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int driven,
+                                const int D)
+{
+    const ts_model *m = &sim->m;
+    double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
+    string_vector(m, y, y + m->nq, i, s, sd, D);
+    for (int end = 0; driven && end < 2; end++) {
+        double x[3], v[3], sign = end ? 1.0 : -1.0;
+        int mover = m->mover[m->strings[2 * i + end]];
+        if (mover < 0) continue;
+        ts_base_at(sim, tau, mover, x, v);
+        for (int d = 0; d < D; d++) s[d] += sign * x[d], sd[d] += sign * v[d];
+    }
+    double xi = sqrt(dot(s, s, D));
+    *gap = xi - ts_rest_length(sim, i, tau);
+    *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
+    if (driven && m->winder[i] >= 0) {
+        *gap += ts_wound(sim, y, i);
+        *rate += ts_wound(sim, y + m->nq, i);
+    }
+}
+
+APART static void driven_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
+{
+    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 1);
+}
+
+/* Elongation of one string and its rate. */
+void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
+{
+    if (sim->m.driven) {
+        driven_string_state(sim, tau, y, i, gap, rate);
+        return;
+    }
+    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 0);
+}
+
+ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
+{
+    double *c = y + block * D, *cd = y + m->nq + block * D, over = 1.0 / dot(c, c, D), along = dot(c, cd, D) * over;
+    double factor = m->block_length[block] * sqrt(over);
+    for (int d = 0; d < D; d++) {
+        cd[d] -= along * c[d];
+        c[d] *= factor;
+    }
+}
+
+ALWAYS_INLINE void project_all(const ts_model *m, double *y, const int D)
+{
+    for (int i = 0; i < m->pinned_count; i++) project(m, y, m->pinned[i].block, D);
+    for (int i = 0; i < m->floating_count; i++) project(m, y, m->floating[i].block + 1, D);
+}
+
+/* Put a bar vector back on its length: b along itself, b' normal to b. */
+void ts_project_block(const ts_sim *sim, double *y, int block)
+{
+    if (sim->m.block_turns[block]) DISPATCH(sim, project, &sim->m, y, block);
+}
+
+void ts_project(const ts_sim *sim, double *y) { DISPATCH(sim, project_all, &sim->m, y); }
+
+/* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|), for two estimates at
+ * once.  Norms of vectors, so that a rotated scene takes the same steps. */
+ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *norm,
+                               double *norm2, const int D)
+{
+    double worst = 0.0, worst2 = 0.0, sum = 0.0;
+    for (int b = 0; b < 2 * sim->m.blocks * D; b += D) {
+        double n0 = dot(y0 + b, y0 + b, D), n1 = dot(y1 + b, y1 + b, D), scale = 1.0 + sqrt(n0 > n1 ? n0 : n1);
+        double over = 1.0 / (scale * scale), ratio = dot(e + b, e + b, D) * over, ratio2 = dot(e2 + b, e2 + b, D) * over;
+        sum += ratio + ratio2;
+        worst = ratio > worst ? ratio : worst;
+        worst2 = ratio2 > worst2 ? ratio2 : worst2;
+    }
+    double over = 1.0 / sim->values[sim->m.at[TS_TOLERANCE]];
+    *norm = sum == sum ? sqrt(worst) * over : NAN;
+    *norm2 = sum == sum ? sqrt(worst2) * over : NAN;
+}
+
+void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n, double *n2)
+{
+    DISPATCH(sim, error_norms, sim, e, e2, y0, y1, n, n2);
+}
+
+double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1)
+{
+    double norm, same;
+    ts_error_norms(sim, e, e, y0, y1, &norm, &same);
+    return norm;
+}

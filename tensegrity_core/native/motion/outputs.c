@@ -1,0 +1,307 @@
+/* Outputs from the state at the end of a step.  As in motion.c, what is called at every communication point is compiled for
+ * D = 2 and D = 3. */
+#include "motion/outputs.h"
+#include "laws/curve.h"
+#include "linear/pairs.h"
+#include "model/data.h"
+#include "motion/drives.h"
+#include "motion/kinematics.h"
+#include "motion/motion.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Where a fixed node is, moved ones as the last evaluation had them. */
+static const double *fixed_at(const ts_sim *sim, int node)
+{
+    const ts_model *m = &sim->m;
+    return m->mover[node] < 0 ? m->anchor + node * m->count[TS_D] : sim->base_now + 3 * m->mover[node] * m->count[TS_D];
+}
+
+/* The axes along which gravity acts: first and end. */
+typedef struct {
+    int first, end;
+} axes;
+
+static axes of_gravity(const ts_model *m)
+{
+    if (m->count[TS_V] > 1) return MAKE(axes){0, m->count[TS_D]};
+    return m->z_axis < 0 ? MAKE(axes){0, 0} : MAKE(axes){m->z_axis, m->z_axis + 1};
+}
+
+/* Gravitational energy (J): of bars with their point masses, each as one mass, and of the fixed nodes'. */
+static double potential(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    const axes falls = of_gravity(m);
+    int D = m->count[TS_D];
+    double energy = 0.0;
+    for (int d = falls.first; d < falls.end; d++) {
+        double sum = 0.0;
+        for (int b = 0; b < m->blocks; b++) sum += sim->laden[b] * sim->y[b * D + d];
+        for (int i = 0; i < m->pinned_count; i++) {
+            int bar = m->block_bar[m->pinned[i].block];
+            double mass = sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[m->pinned[i].second];
+            sum += mass * fixed_at(sim, m->pinned[i].first)[d];
+        }
+        for (int i = 0; i < m->count[TS_P]; i++)
+            if (m->fixed[m->massed[i]]) sum += sim->extra_mass[m->massed[i]] * fixed_at(sim, m->massed[i])[d];
+        energy -= sim->g[d] * sum;
+    }
+    return energy;
+}
+
+static double energy_of_string(const ts_sim *sim, int i, double gap)
+{
+    return ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i]);
+}
+
+/* Energy stored in clipped strings (J). */
+double ts_clipped_energy(const ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    double sum = 0.0, gap, rate;
+    for (int i = 0; m->damping_law == TS_TENSION_ONLY && i < m->count[TS_S]; i++) {
+        if (!sim->clipped[i]) continue;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        sum += energy_of_string(sim, i, gap);
+    }
+    return sum;
+}
+
+/* Potential and elastic energy at the present state, under inputs and parameters that may be new (J). */
+double ts_stored_energy(const ts_sim *sim, double tau)
+{
+    double sum = potential(sim), gap, rate;
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        sum += energy_of_string(sim, i, gap);
+    }
+    return sum;
+}
+
+/* What moved nodes add to the kinetic energy: their own masses, and what the bars pinned there have of their velocity. */
+static double carried_energy(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    double sum = 0.0;
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        const double *v = sim->base_now + (3 * e + 1) * D;
+        double mass = sim->extra_mass[m->moved[e]], along = 0.0, square = 0.0;
+        int bar = m->mover_bar[e];
+        for (int d = 0; d < D; d++) square += v[d] * v[d];
+        if (bar >= 0) {
+            int block = m->bar_block[bar], tip = m->bars[2 * bar] == m->moved[e] ? m->bars[2 * bar + 1] : m->bars[2 * bar];
+            for (int d = 0; d < D; d++) along += v[d] * sim->y[m->nq + block * D + d];
+            mass += sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[tip];
+            sum += sim->laden[block] * along;
+        }
+        sum += 0.5 * mass * square;
+    }
+    return sum;
+}
+
+ALWAYS_INLINE double kinetic(const ts_sim *sim, const int D)
+{
+    const ts_model *m = &sim->m;
+    const double *v = sim->y + m->nq;
+    double sum = 0.0;
+    for (int b = 0; b < m->blocks; b++) sum += dot(v + b * D, v + b * D, D) / sim->inv[b]; /* 1/inv: inertia of the block */
+    return 0.5 * sum + (m->count[TS_E] ? carried_energy(sim) : 0.0);
+}
+
+double ts_kinetic_energy(const ts_sim *sim) { return sim->m.count[TS_D] == 2 ? kinetic(sim, 2) : kinetic(sim, 3); }
+
+ALWAYS_INLINE void nodes(ts_sim *sim, const int D)
+{
+    const ts_model *m = &sim->m;
+    double *position = sim->values + m->at[TS_POSITION], *velocity = sim->values + m->at[TS_VELOCITY];
+    for (int n = 0; n < m->count[TS_N]; n++) {
+        const double *x = sim->x + 2 * D * n;
+        int free = m->free_index[n];
+        for (int d = 0; d < D; d++) position[n * D + d] = x[d];
+        for (int d = 0; d < D && free >= 0; d++) velocity[free * D + d] = x[D + d];
+    }
+}
+
+static void strings(ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    double *force = sim->values + m->at[TS_STRING_FORCE], *elastic = sim->values + m->at[TS_ELASTIC_FORCE];
+    double *length = sim->values + m->at[TS_STRING_LENGTH];
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        double fs = sim->fs[i];
+        if (sim->clipped[i]) ts_tension(sim, i, sim->gap[i], sim->gap_rate[i], &fs); /* the spring pulls all the same */
+        force[i] = sim->fs[i] + sim->fd[i];
+        elastic[i] = fs;
+        length[i] = sim->gap[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
+    }
+}
+
+/* Acceleration of a node along axis d, the bases' included. */
+static double acceleration(const ts_sim *sim, int node, int d)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D];
+    const double *a = sim->f0 + m->nq;
+    double sum = m->mover[node] < 0 ? 0.0 : sim->base_now[(3 * m->mover[node] + 2) * D + d];
+    if (m->node_centre[node] >= 0) sum += a[m->node_centre[node] * D + d];
+    if (m->node_block[node] >= 0) sum += m->node_coef[node] * a[m->node_block[node] * D + d];
+    return sum;
+}
+
+/* Loads on the nodes in addition to the strings' forces: inputs, gravity, and what point masses need (d'Alembert). */
+ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
+{
+    const ts_model *m = &sim->m;
+    const axes falls = of_gravity(m);
+    const double *mass = sim->values + m->at[TS_BAR_MASS], *input = sim->values + m->at[TS_FORCE];
+    const double *slope = sim->slopes + m->at[TS_FORCE], *bend = slope + sim->n_inputs;
+    for (int n = 0; n < m->count[TS_N]; n++) {
+        int first = m->free_index[n] * D;
+        if (first < 0) continue;
+        for (int d = 0; d < D; d++) sim->node_force[n * D + d] += input[first + d];
+        for (int d = 0; d < D && sim->forces_move; d++)
+            sim->node_force[n * D + d] += (slope[first + d] + 0.5 * bend[first + d] * tau) * tau;
+    }
+    for (int i = 0; i < 2 * m->count[TS_B]; i++)
+        for (int d = falls.first; d < falls.end; d++) sim->node_force[m->bars[i] * D + d] += 0.5 * mass[i / 2] * sim->g[d];
+    for (int i = 0; i < m->count[TS_P]; i++)
+        for (int d = 0, n = m->massed[i]; d < D; d++)
+            sim->node_force[n * D + d] += sim->extra_mass[n] * (sim->g[d] - acceleration(sim, n, d));
+}
+
+/* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
+ALWAYS_INLINE void reactions(ts_sim *sim, const int D)
+{
+    const ts_model *m = &sim->m;
+    for (int n = 0; n < m->count[TS_N]; n++)
+        for (int d = 0; d < D && m->fixed[n]; d++)
+            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] = -sim->node_force[n * D + d];
+}
+
+/* Reactions of pinned bars, m c''/2 + m a_base - f_base - f_tip; then with them the axial forces (eq. 1):
+ * -lambda l = J |b'|^2/l + b.(f2 - f1)/(2 l). */
+ALWAYS_INLINE void bars(ts_sim *sim, const int D)
+{
+    static const double at_rest[3] = {0.0, 0.0, 0.0};
+    const ts_model *m = &sim->m;
+    const double *mass = sim->values + m->at[TS_BAR_MASS], *x = sim->values + m->at[TS_POSITION];
+    for (int i = 0; i < m->count[TS_B]; i++) {
+        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i], moves = base >= 0 && m->mover[base] >= 0;
+        double axial = 0.0, speed = 0.0, *f1 = sim->node_force + first * D, *f2 = sim->node_force + second * D;
+        const double *v = sim->f0 + m->bar_block[i] * D, *a = v + m->nq;
+        const double *a_base = moves ? sim->base_now + (3 * m->mover[base] + 2) * D : at_rest;
+        double *R = base < 0 ? NULL : sim->values + m->at[TS_REACTION] + (-1 - m->free_index[base]) * D;
+        for (int d = 0; d < D; d++) {
+            if (R) {
+                R[d] = mass[i] * (0.5 * a[d] + a_base[d]) - f1[d] - f2[d];
+                sim->node_force[base * D + d] += R[d];
+            }
+            axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - f1[d]);
+            speed += v[d] * v[d];
+        }
+        sim->values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar_length[i];
+    }
+}
+
+static void drives(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        double rate = ts_wound(sim, sim->y + m->nq, m->wound[a]);
+        sim->values[m->at[TS_WOUND_REST_LENGTH] + a] = sim->rest[m->wound[a]] - ts_wound(sim, sim->y, m->wound[a]);
+        sim->values[m->at[TS_WOUND_REST_LENGTH_RATE] + a] = -rate;
+        sim->values[m->at[TS_MOTOR_SPEED] + a] = rate / sim->values[m->at[TS_DRUM_RADIUS] + a];
+    }
+}
+
+ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
+{
+    nodes(sim, D);
+    loads(sim, tau, D);
+    reactions(sim, D);
+    bars(sim, D);
+    sim->values[sim->m.at[TS_KINETIC]] = kinetic(sim, D);
+}
+
+/* Fill all outputs from what ts_rhs() has just found at the present state; f0 is the derivative there. */
+void ts_outputs(ts_sim *sim, double tau)
+{
+    const ts_model *m = &sim->m;
+    double *out = sim->values;
+    strings(sim, tau);
+    DISPATCH(sim, mechanics, sim, tau);
+    drives(sim);
+    out[m->at[TS_POTENTIAL]] = potential(sim);
+    out[m->at[TS_ELASTIC]] = 0.0;
+    for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->gap[i]);
+    out[m->at[TS_DISSIPATED]] = sim->y[2 * m->nq];
+    out[m->at[TS_INPUT_WORK]] = sim->y[2 * m->nq + 1];
+    out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];
+    for (int i = 0, n = 0; i < m->count[TS_S]; i++)
+        if (m->beams[i]) sim->integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->curve[i].piece[sim->piece[i]].snapped;
+}
+
+/* Derivatives of positions and velocities, from f = [q', q'']. */
+static void node_rates(const ts_sim *sim, const double *f, double *out)
+{
+    const ts_model *m = &sim->m;
+    int D = m->count[TS_D], position = m->at[TS_POSITION] - sim->n_applied, velocity = m->at[TS_VELOCITY] - sim->n_applied;
+    for (int n = 0; n < m->count[TS_N]; n++)
+        for (int d = 0; d < D; d++) {
+            double v = 0.0, a = 0.0;
+            const double *base = sim->base_now + (3 * m->mover[n] + 1) * D;
+            if (m->mover[n] >= 0) v += base[d], a += base[D + d];
+            int b = m->node_block[n] * D + d, r = m->node_centre[n] * D + d, free = m->free_index[n];
+            if (m->node_centre[n] >= 0) v += f[r], a += f[m->nq + r];
+            if (m->node_block[n] >= 0) v += m->node_coef[n] * f[b], a += m->node_coef[n] * f[m->nq + b];
+            out[position + n * D + d] = v;
+            if (free >= 0) out[velocity + free * D + d] = a;
+        }
+}
+
+/* Outputs at y + shift f, that is on the tangent of the motion, into sim->values. */
+static void outputs_beside(ts_sim *sim, double tau, const double *y, const double *f, double shift)
+{
+    for (int i = 0; i < sim->m.ny; i++) sim->y[i] = y[i] + shift * f[i];
+    ts_rhs(sim, tau + shift, sim->y, sim->f0);
+    ts_outputs(sim, tau + shift);
+}
+
+/* What the ledger gets from differences instead of integrals (integrate.c) is not in f: the power of external forces that stay, and
+ * what the dampers of clipped strings take of their springs. */
+static void add_differences(const ts_sim *sim, double clipped_rate, double *out)
+{
+    const ts_model *m = &sim->m;
+    double *work = out + m->at[TS_INPUT_WORK] - sim->n_applied, *throughput = out + m->at[TS_THROUGHPUT] - sim->n_applied;
+    for (int i = 0; i < m->nq && !sim->forces_move; i++) {
+        double power = sim->Qf[i] * sim->y[m->nq + i];
+        *work += power;
+        *throughput += fabs(power);
+    }
+    out[m->at[TS_DISSIPATED] - sim->n_applied] -= clipped_rate;
+    *throughput += fabs(clipped_rate);
+}
+
+/* First derivatives of all real outputs at tau: central differences along the tangent, the strings staying on their pieces;
+ * positions and velocities are exact.  The state stays as it is, the outputs do not. */
+void ts_tangent_outputs(ts_sim *sim, double tau, double *out)
+{
+    const double shift = 1e-7; /* s */
+    int first = sim->n_applied, count = sim->m.n_real - first, ny = sim->m.ny;
+    double *y = sim->k, *f = sim->k + sim->m.stride;
+    memcpy(y, sim->y, sizeof(double) * (size_t)ny);
+    ts_rhs(sim, tau, y, f);
+    outputs_beside(sim, tau, y, f, shift);
+    memcpy(out, sim->values + first, sizeof(double) * (size_t)count);
+    double clipped = ts_clipped_energy(sim, tau + shift);
+    outputs_beside(sim, tau, y, f, -shift);
+    clipped = (clipped - ts_clipped_energy(sim, tau - shift)) / (2.0 * shift);
+    for (int i = 0; i < count; i++) out[i] = (out[i] - sim->values[first + i]) / (2.0 * shift);
+    memcpy(sim->y, y, sizeof(double) * (size_t)ny);
+    memcpy(sim->f0, f, sizeof(double) * (size_t)ny);
+    node_rates(sim, f, out);
+    add_differences(sim, clipped, out);
+}

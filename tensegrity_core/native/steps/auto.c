@@ -1,0 +1,300 @@
+/* `auto` chooses by what simulated time costs: the work of a step over its length, as each of its methods was last seen to
+ * do it in this run. Methods that are not in use are tried again, at intervals that grow while they lose.
+ *
+ * While the explicit method is in use, an implicit one is tried when an interval of work is over, or after some steps that
+ * stability limits. A phase of implicit steps ends when they are not worth their cost, when the explicit method proves
+ * better in a trial of its own, or at a transition that makes a damper's force jump: through the transient explicit steps
+ * are cheaper. What the phase did for its work, against what explicit steps would have done, decides how soon the next one
+ * may begin. */
+#include "steps/auto.h"
+#include "model/data.h"
+#include "motion/motion.h"
+
+#include <math.h>
+
+#define REACH 6.0       /* h times the fastest rate that dop853 bears */
+#define BOLD 4.0        /* first implicit step over the last explicit one */
+#define TRIAL 4         /* steps that are a trial */
+#define LENIENT 2.0     /* times the other's cost that a method may take meanwhile: its steps grow */
+#define LOSSES 2        /* implicit steps in a row not worth their cost that end a phase */
+#define STEADY 1.5      /* steps that grow by more are not compared yet */
+#define CALM 0.3        /* h lambda below which stability is far away; implicit methods then hardly ever win */
+#define CALMER 8.0      /* factor of their intervals there */
+#define CUT 2.0         /* factor of their intervals where steps end at transitions */
+#define HOPE 3.0        /* explicit steps may be so much longer than when last seen */
+#define PATIENCE 3      /* signs of stiffness that make `auto` leave the explicit method */
+#define MOST_PATIENCE 96
+#define FADE 0.2        /* weight of the last step in means */
+#define TIGHT 1e-8      /* tolerance from which on radau9 is the first to be tried */
+#define FINE 16.0       /* explicit steps in a communication step that is a short one */
+
+/* Intervals between trials, in steps of the method to try: the first, after a phase that paid or none; between methods of
+ * which both do well; the longest, so that trials take a few hundredths of the work; growth of an interval when the trial
+ * was lost, and when a phase was: motion that dies away is soon worth implicit steps, and slow growth finds that out. */
+#define SOON 6.0
+#define LATER 15.0
+#define RAREST 50.0
+#define RARER 2.0
+#define RARER_PHASE 1.5
+
+enum { EXPLICIT, ROSENBROCK, RADAU };                    /* places of the methods */
+enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT };    /* trials */
+
+/* The methods, by their places.  An attempt of usual effort costs so many explicit steps: `steps`, and `solves` for each number
+ * in the blocks of the factor over the strings, which are the work of the right-hand side; measured on scenes of two to thirty
+ * bars. */
+static const struct {
+    int32_t method;
+    double steps, solves;
+} choices[TS_CHOICES] = {
+    {TS_METHOD_DOP853, 1.0, 0.0},
+    {TS_METHOD_RODAS5P, 1.2, 0.045},
+    {TS_METHOD_RADAU9, 1.6, 0.155},
+};
+
+/* The place of the method in use; TS_CHOICES: it is none of these. */
+static int place_in_use(const ts_sim *sim)
+{
+    int place = 0;
+    while (place < TS_CHOICES && choices[place].method != sim->memory.active) place++;
+    return place;
+}
+
+static int other_implicit(int place) { return ROSENBROCK + RADAU - place; }
+
+static double cost_of(const ts_sim *sim, int place)
+{
+    int D = sim->m.count[TS_D], S = sim->m.count[TS_S];
+    double blocks = (double)(D * D) * sim->pattern.entries / (S > 0 ? S : 1);
+    return choices[place].steps + choices[place].solves * blocks;
+}
+
+/* The longest step that a method may take in the present call, s: those of rodas5p end at communication points. */
+static double longest(const ts_sim *sim, int place)
+{
+    return place == ROSENBROCK || !sim->may_run_ahead ? fmin(sim->most, sim->call) : sim->most;
+}
+
+/* Work per simulated second with steps of length h, failed attempts included; where a call ends at its communication
+ * point, whole steps count. */
+static double price(const ts_sim *sim, int place, double h)
+{
+    double most = longest(sim, place), work = cost_of(sim, place) * sim->memory.choice.effort[place];
+    return work * (most < INFINITY ? ceil(most / h * (1.0 - 1e-9)) / most : 1.0 / h);
+}
+
+static double known_price(const ts_sim *sim, int place) { return price(sim, place, sim->memory.choice.natural[place]); }
+static double best_price(const ts_sim *sim, int place) { return price(sim, place, longest(sim, place)); }
+
+static void use(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    sim->memory.active = choices[place].method;
+    sim->memory.h_next = h;
+    sim->memory.stiff = 0;
+    if (place != EXPLICIT) c->effort[place] = 1.0; /* what it was belongs to another time */
+    c->losing = c->steps = 0;
+    c->trial_time = c->trial_work = c->failed = 0.0;
+}
+
+static void plan_trial(ts_choice *c, int trial, double interval)
+{
+    c->interval[trial] = fmin(interval, RAREST);
+    c->since[trial] = c->work;
+}
+
+/* Is it time for a trial of a method of this cost? */
+static int due(const ts_choice *c, int trial, double cost) { return c->work - c->since[trial] >= c->interval[trial] * cost; }
+
+/* At the start of a run. */
+void ts_start_choice(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    sim->memory.patience = PATIENCE;
+    c->incumbent = -1;
+    for (int place = 0; place < TS_CHOICES; place++) c->effort[place] = 1.0;
+    plan_trial(c, OF_IMPLICIT, SOON);
+    plan_trial(c, OF_OTHER_IMPLICIT, LATER);
+    plan_trial(c, OF_EXPLICIT, LATER);
+}
+
+/* Of a restored state: are the methods that it names there? */
+int ts_choice_is_possible(const ts_sim *sim)
+{
+    const ts_choice *c = &sim->memory.choice;
+    int chosen = sim->memory.method != TS_METHOD_AUTO || place_in_use(sim) < TS_CHOICES;
+    return chosen && c->incumbent >= -1 && c->incumbent < TS_CHOICES && c->preferred >= 0 && c->preferred < TS_CHOICES;
+}
+
+/* Could steps of a method be cheaper than explicit ones of length h at all? */
+static int promising(const ts_sim *sim, int place, double h) { return best_price(sim, place) < price(sim, EXPLICIT, h); }
+
+/* Which implicit method: the one that did well last, or the one that did not fail last; before that, radau9 where its
+ * order pays, or where communication points, which its steps pass, are not far apart against an explicit step h. */
+static int choose_implicit(const ts_sim *sim, double h)
+{
+    int fine = sim->may_run_ahead && sim->call < FINE * h, place = sim->memory.choice.preferred;
+    if (!place) place = fine || sim->values[sim->m.at[TS_TOLERANCE]] < TIGHT ? RADAU : ROSENBROCK;
+    return promising(sim, place, h) ? place : other_implicit(place);
+}
+
+static void begin_phase(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    c->phase_time = c->phase_work = 0.0;
+    c->phase_steps = 0;
+    use(sim, place, BOLD * h);
+}
+
+/* The explicit method took a step of length h. */
+static void review_explicit(ts_sim *sim, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int place = choose_implicit(sim, h);
+    double cost = cost_of(sim, place) * (c->h_lambda < CALM ? CALMER : 1.0);
+    int steady = sim->memory.h_next <= STEADY * h;
+    if (sim->memory.stiff < sim->memory.patience && !(steady && due(c, OF_IMPLICIT, cost))) return;
+    if (promising(sim, place, h)) begin_phase(sim, place, h);
+}
+
+/* The explicit method's step ended at a transition.  Where hardly any step ends otherwise (a damper that sets in and out while
+ * stability limits the steps), what the steps came to on average since the last phase counts. */
+static void review_cut(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    double mean = c->trial_work > 0.0 ? c->effort[EXPLICIT] * c->trial_time / c->trial_work : 0.0;
+    if (!(mean > 0.0)) return;
+    int place = choose_implicit(sim, mean);
+    if (!due(c, OF_IMPLICIT, CUT * cost_of(sim, place)) || !promising(sim, place, mean)) return;
+    c->natural[EXPLICIT] = mean;
+    begin_phase(sim, place, mean);
+}
+
+/* The explicit method goes on with a step of length h; `place` was the implicit method in use. */
+static void end_phase(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int paid = c->phase_work <= c->phase_time * known_price(sim, EXPLICIT), more = 3 * sim->memory.patience;
+    c->preferred = paid ? place : other_implicit(place);
+    c->incumbent = -1;
+    sim->memory.patience = paid ? PATIENCE : more < MOST_PATIENCE ? more : MOST_PATIENCE;
+    plan_trial(c, OF_IMPLICIT, paid ? SOON : RARER_PHASE * c->interval[OF_IMPLICIT]);
+    use(sim, EXPLICIT, h);
+}
+
+/* A trial between methods within a phase ends. */
+static void end_trial(ts_sim *sim, int trial, int lost)
+{
+    ts_choice *c = &sim->memory.choice;
+    int back = c->incumbent;
+    plan_trial(c, trial, RARER * c->interval[trial]);
+    c->incumbent = -1;
+    if (lost) use(sim, back, c->natural[back]);
+}
+
+/* The explicit method is on trial within a phase. */
+static void judge_explicit(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    if (c->steps < TRIAL) return;
+    if (known_price(sim, EXPLICIT) < known_price(sim, c->incumbent)) end_phase(sim, c->incumbent, sim->memory.h_next);
+    else end_trial(sim, OF_EXPLICIT, 1);
+}
+
+/* An implicit method took a step of length h. */
+static void review_implicit(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    int other = other_implicit(place), young = c->phase_steps < TRIAL;
+    double here = known_price(sim, place), explicit_price = known_price(sim, EXPLICIT);
+    double next = fmin(sim->memory.h_next, longest(sim, place));
+    c->losing = here > explicit_price * (young ? LENIENT : 1.0) ? c->losing + 1 : 0;
+    if (c->losing >= LOSSES) {
+        end_phase(sim, place, fmin(sim->memory.h_next, c->natural[EXPLICIT]));
+    } else if (c->incumbent >= 0) {
+        double rival = known_price(sim, c->incumbent);
+        if (c->steps < TRIAL && here <= LENIENT * rival) return;
+        end_trial(sim, OF_OTHER_IMPLICIT, c->trial_work > c->trial_time * rival);
+    } else if (young || next > STEADY * h) {
+        return;
+    } else if (due(c, OF_OTHER_IMPLICIT, cost_of(sim, other)) && best_price(sim, other) < here) {
+        c->incumbent = place;
+        use(sim, other, next);
+    } else if (due(c, OF_EXPLICIT, cost_of(sim, place)) && price(sim, EXPLICIT, HOPE * c->natural[EXPLICIT]) < here) {
+        c->incumbent = place;
+        use(sim, EXPLICIT, c->natural[EXPLICIT]);
+    }
+}
+
+/* An attempt was made, and advanced by h; 0: it failed. */
+static void count(ts_sim *sim, int place, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    double work = cost_of(sim, place) * sim->memory.choice.taken;
+    c->work += work;
+    c->phase_work += work;
+    c->trial_work += work;
+    c->phase_time += h;
+    c->trial_time += h;
+    c->failed = h > 0.0 ? 0.0 : c->failed + sim->memory.choice.taken;
+}
+
+/* A step of length h was taken without a transition. */
+void ts_review_step(ts_sim *sim, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    if (sim->memory.method != TS_METHOD_AUTO) return;
+    int place = place_in_use(sim);
+    c->effort[place] += FADE * (sim->memory.choice.taken + c->failed - c->effort[place]);
+    c->natural[place] = place == EXPLICIT ? h : sim->memory.h_next;
+    c->steps += c->steps < INT32_MAX;
+    c->phase_steps += c->phase_steps < INT32_MAX;
+    count(sim, place, h);
+    if (place != EXPLICIT) review_implicit(sim, place, h);
+    else if (c->incumbent >= 0) judge_explicit(sim);
+    else review_explicit(sim, h);
+}
+
+/* An attempt failed; the next one is to be h_next long. */
+void ts_review_rejection(ts_sim *sim)
+{
+    ts_choice *c = &sim->memory.choice;
+    if (sim->memory.method != TS_METHOD_AUTO) return;
+    int place = place_in_use(sim);
+    double h = sim->memory.h_next;
+    count(sim, place, 0.0);
+    if (place == EXPLICIT) return;
+    if (c->incumbent >= 0) {
+        if (price(sim, place, h) > LENIENT * known_price(sim, c->incumbent)) end_trial(sim, OF_OTHER_IMPLICIT, 1);
+    } else if (price(sim, place, h) > known_price(sim, EXPLICIT)) {
+        end_phase(sim, place, fmin(h, c->natural[EXPLICIT]));
+    }
+}
+
+/* An explicit step for the transient after a jump of forces: half of what stability allows at the rate of the derivative's own
+ * change. */
+static double transient_step(ts_sim *sim, double tau)
+{
+    int ny = sim->m.ny;
+    double tolerance = sim->values[sim->m.at[TS_TOLERANCE]], next = sim->memory.h_next;
+    double speed = ts_error_norm(sim, sim->f0, sim->y, sim->y) * tolerance, h = 1e-4 / speed;
+    if (!(h > 0.0 && h < next)) return next;
+    for (int i = 0; i < ny; i++) sim->y1[i] = sim->y[i] + h * sim->f0[i];
+    ts_rhs(sim, tau + h, sim->y1, sim->f1);
+    for (int i = 0; i < ny; i++) sim->err[i] = sim->f1[i] - sim->f0[i];
+    double rate = ts_error_norm(sim, sim->err, sim->y, sim->y) * tolerance / (h * speed);
+    return fmin(next, 0.5 * REACH / rate);
+}
+
+/* A transition was carried out after a length h of the step; f0 is the derivative after it. */
+void ts_review_restart(ts_sim *sim, double tau, double h)
+{
+    ts_choice *c = &sim->memory.choice;
+    if (sim->memory.method != TS_METHOD_AUTO) return;
+    int place = place_in_use(sim);
+    count(sim, place, h);
+    if (place == EXPLICIT && c->incumbent < 0) review_cut(sim);
+    else if (!sim->force_jumps) return;
+    else if (place != EXPLICIT) end_phase(sim, place, transient_step(sim, tau));
+    else end_phase(sim, c->incumbent, sim->memory.h_next);
+}

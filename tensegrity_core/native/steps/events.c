@@ -1,0 +1,350 @@
+/* Transitions: a string crosses an end of its piece of the force curve (slack/taut, kinks of an NSH), or, under
+ * `tension_only`, its damper begins or ceases to outweigh its spring.
+ *
+ * Within a step every string keeps the formula of its piece, continued past its ends, so that the step is smooth.  A
+ * crossing is looked for at the step's end, at the stages and, where an elongation turned back, at its extremum; it is
+ * located on the dense output and counts once the elongation is `guard` (round-off) beyond the end. */
+#include "steps/events.h"
+#include "laws/curve.h"
+#include "laws/curves.h"
+#include "linear/pairs.h"
+#include "model/data.h"
+#include "motion/motion.h"
+#include "motion/pieces.h"
+
+#include <float.h>
+#include <math.h>
+
+#define SAMPLES 8      /* of the dense output where a crossing is suspected */
+#define FEW_SAMPLES 3  /* where the elongation goes one way */
+
+/* Untrimmed tension: positive where spring and damper together pull. */
+static double raw_tension(const ts_sim *sim, int i, double gap, double rate, double *scale)
+{
+    double slope, fs = ts_curve_force(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    double fd = sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
+    *scale = fabs(fs) + fabs(fd);
+    return fs + fd;
+}
+
+static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]; }
+
+/* How a piece is called in a transition: without memory by its place in order of elongation, with memory by its snapped parts. */
+static int called(const ts_curve *c, int piece)
+{
+    const ts_piece *p = c->piece + piece;
+    return !c->branches ? piece : p->kind == TS_SLACK ? 0 : 1 + p->snapped;
+}
+
+/* A string came from one piece to the one where it is; parts of one branch, which join smoothly, are no transition. */
+static void note(ts_sim *sim, double tau, int i, int piece, double loss)
+{
+    ts_memory *memory = &sim->memory;
+    int before = called(sim->curve + i, piece), after = called(sim->curve + i, sim->piece[i]);
+    if (before == after && !(loss > 0.0)) return;
+    if (sim->transition_count < TS_MAX_TRANSITIONS)
+        sim->transitions[sim->transition_count] =
+            MAKE(ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
+    sim->transition_count++;
+    memory->stats[TS_TRANSITIONS]++;
+}
+
+/* Piece of a string from its elongation; with memory it goes there from its present piece.  An elongation on an end belongs to the
+ * piece it is moving into; at rest, to the lower one, or where there is memory to the present one.  Returns what snaps on the way
+ * dissipate, J. */
+static double place_anew(ts_sim *sim, int i)
+{
+    const ts_curve *c = sim->curve + i;
+    double lost = 0.0, gap, rate, scale;
+    ts_string_state(sim, 0.0, sim->y, i, &gap, &rate);
+    if (c->branches) ts_place(sim, i, sim->piece[i]);
+    ts_place(sim, i, c->branches ? ts_curve_walk(c, sim->piece[i], gap, sim->guard[i], &lost) : ts_curve_piece(c, gap));
+    const ts_piece *p = c->piece + sim->piece[i];
+    if (gap - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
+        lost += p->loss_down;
+        ts_place(sim, i, p->down);
+    } else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
+        lost += p->loss_up;
+        ts_place(sim, i, p->up);
+    }
+    if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    return lost;
+}
+
+/* Pieces of all strings at the start of a step whose inputs jumped.  Returns what snaps on the way dissipate, J. */
+double ts_place_all(ts_sim *sim)
+{
+    double lost = 0.0;
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        int piece = sim->piece[i];
+        double loss = place_anew(sim, i);
+        note(sim, 0.0, i, piece, loss);
+        lost += loss;
+    }
+    return lost;
+}
+
+/* How far a string is past what its piece (which < S) or its clipping (which >= S) allows; positive: crossed. */
+static double excess(const ts_sim *sim, int which, double gap, double rate)
+{
+    int S = sim->m.count[TS_S], i = which % S;
+    if (which < S) return fmax(sim->lo[i] - gap, gap - sim->hi[i]) - sim->guard[i];
+    double scale, T = raw_tension(sim, i, gap, rate, &scale);
+    return (sim->clipped[i] ? T : -T) - 1e-14 * (1.0 + scale);
+}
+
+typedef struct {
+    ts_sim *sim;
+    const ts_method *method;
+    double tau, h;
+} step;
+
+/* Elongation and rate of one string on the dense output, put on the constraint as the state will be: only the blocks it
+ * hangs on are interpolated. */
+static void at_theta(const step *s, double theta, int i, double *gap, double *rate)
+{
+    ts_sim *sim = s->sim;
+    const ts_term *t = sim->m.term + 4 * i;
+    int D = sim->m.count[TS_D], nq = sim->m.nq;
+    sim->looks++;
+    for (int k = 0; k < sim->m.term_count[i]; k++) {
+        s->method->interpolate(sim, theta, t[k].offset, D, sim->ytmp + t[k].offset);
+        s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->ytmp + nq + t[k].offset);
+        ts_project_block(sim, sim->ytmp, t[k].block);
+    }
+    if (sim->m.winder[i] >= 0) {
+        int at = D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.winder[i]);
+        s->method->interpolate(sim, theta, at, 1, sim->ytmp + at);
+        s->method->interpolate(sim, theta, nq + at, 1, sim->ytmp + nq + at);
+    }
+    ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, gap, rate);
+}
+
+/* The excess and, for a crossing of a piece's end, its derivative by theta (else 0). */
+static double excess_at(const step *s, double theta, int which, double *slope)
+{
+    double gap, rate;
+    int S = s->sim->m.count[TS_S];
+    at_theta(s, theta, which % S, &gap, &rate);
+    if (which < S) *slope = s->h * (gap - s->sim->hi[which] > s->sim->lo[which] - gap ? rate : -rate);
+    else *slope = 0.0;
+    return excess(s->sim, which, gap, rate);
+}
+
+/* First theta in (a, b] where the excess is positive, given that it is at b and not at a: Newton steps, else secant
+ * (Illinois) ones, inside a shrinking bracket, down to round-off; returns the crossed side. */
+static double locate(const step *s, int which, double a, double b)
+{
+    double da, db, fa = excess_at(s, a, which, &da), fb = excess_at(s, b, which, &db), c = b - fb / db;
+    double enough = which < s->sim->m.count[TS_S] ? s->sim->guard[which] : 0.0;
+    if (fa > 0.0) return a;
+    for (int n = 0, side = 0; n < 100 && fb > enough && b - a > DBL_EPSILON * b; n++) {
+        double dc, fc;
+        if (n % 8 == 7) c = 0.5 * (a + b);
+        else if (!(c > a && c < b)) c = b - fb * (b - a) / (fb - fa);
+        if (!(c > a && c < b)) c = 0.5 * (a + b);
+        fc = excess_at(s, c, which, &dc);
+        if (fc > 0.0) {
+            b = c, fb = fc;
+            if (side == 1) fa *= 0.5;
+            side = 1;
+        } else {
+            a = c, fa = fc;
+            if (side == -1) fb *= 0.5;
+            side = -1;
+        }
+        c -= (fc - 0.5 * enough) / dc; /* aims at the crossed side; no number where dc is 0, then the secant takes over */
+    }
+    return b;
+}
+
+/* The excess of clipping watch w has its largest value of the samples at b, between a and c: is it positive anywhere there?  A few
+ * parabolas; returns such a place, or 2. */
+static double peak(const step *s, int w, double a, double fa, double b, double fb, double c, double fc)
+{
+    for (int n = 0; n < 6 && fb <= 0.0; n++) {
+        double p = (b - a) * (fb - fc), q = (b - c) * (fb - fa), slope;
+        double x = b - 0.5 * ((b - a) * p - (b - c) * q) / (p - q);
+        if (!(x > a && x < c) || x == b) return 2.0;
+        double fx = excess_at(s, x, w, &slope);
+        if (fx > fb) {
+            if (x < b) c = b, fc = fb;
+            else a = b, fa = fb;
+            b = x, fb = fx;
+        } else if (x < b) a = x, fa = fx;
+        else c = x, fc = fx;
+    }
+    return fb > 0.0 ? b : 2.0;
+}
+
+/* First change of sign of a clipping watch in (0, last], or 2. */
+static double scan_clipping(const step *s, int w, double last)
+{
+    double a = 0.0, b = 0.0, fa = -INFINITY, slope, fb = excess_at(s, 0.0, w, &slope);
+    for (int n = 1; n <= SAMPLES; n++) {
+        double c = last * n / SAMPLES, fc = excess_at(s, c, w, &slope);
+        if (fb > fa && fb >= fc && n > 1) {
+            double between = peak(s, w, a, fa, b, fb, c, fc);
+            if (between < 2.0) return locate(s, w, a, between);
+        }
+        if (fc > 0.0) return locate(s, w, b, c);
+        a = b, fa = fb;
+        b = c, fb = fc;
+    }
+    return 2.0;
+}
+
+/* Place in (a, b) where the elongation turns: the root of its rate, by bisection and secant. */
+static double turning_point(const step *s, int i, double a, double ra, double b, double rb)
+{
+    for (int n = 0; n < 40 && b - a > 1e-9; n++) {
+        double gap, rc, c = n % 3 == 2 ? 0.5 * (a + b) : b - rb * (b - a) / (rb - ra);
+        if (!(c > a && c < b)) c = 0.5 * (a + b);
+        at_theta(s, c, i, &gap, &rc);
+        if ((rc > 0.0) == (ra > 0.0)) a = c, ra = rc;
+        else b = c, rb = rc;
+    }
+    return 0.5 * (a + b);
+}
+
+/* First time in (0, last] that a string leaves its piece, or 2. */
+static double scan(const step *s, int i, double last, int samples)
+{
+    ts_sim *sim = s->sim;
+    double a = 0.0, ra = sim->rate0[i];
+    for (int n = 1; n <= samples; n++) {
+        double b = last * n / samples, gap, rb;
+        at_theta(s, b, i, &gap, &rb);
+        if (excess(sim, i, gap, rb) > 0.0) return locate(s, i, a, b);
+        if (ra * rb < 0.0) {
+            double turn = turning_point(s, i, a, ra, b, rb), unused;
+            if (excess_at(s, turn, i, &unused) > 0.0) return locate(s, i, a, turn);
+        }
+        a = b;
+        ra = rb;
+    }
+    return 2.0;
+}
+
+/* Does the elongation go one way only?  Of the cubic through both ends and their rates (Fritsch, Carlson, Monotone piecewise
+ * cubic interpolation, SIAM Journal on Numerical Analysis 17, 1980, doi:10.1137/0717021). */
+static int one_way(const ts_sim *sim, int i, double h)
+{
+    double rise = sim->gap1[i] - sim->gap0[i], r0 = h * sim->rate0[i], r1 = h * sim->rate1[i];
+    if (rise < 0.0) rise = -rise, r0 = -r0, r1 = -r1;
+    return r0 >= 0.0 && r1 >= 0.0 && r0 <= 3.0 * rise && r1 <= 3.0 * rise;
+}
+
+/* May the elongation have left its piece and come back?  If it turns once, its tangents at the two ends meet beyond what it
+ * reached. */
+static int may_graze(const ts_sim *sim, int i, double h)
+{
+    double r0 = sim->rate0[i], r1 = sim->rate1[i];
+    if (one_way(sim, i, h)) return 0;
+    if (!(r0 * r1 < 0.0)) {
+        double reach = h * (fabs(r0) + fabs(r1));
+        return fmax(sim->gap0[i], sim->gap1[i]) + reach > sim->hi[i] || fmin(sim->gap0[i], sim->gap1[i]) - reach < sim->lo[i];
+    }
+    double meet = sim->gap0[i] + r0 * (sim->gap1[i] - sim->gap0[i] - r1 * h) / (r0 - r1);
+    return meet > sim->hi[i] || meet < sim->lo[i];
+}
+
+/* May the tension of a string have changed its sign?  It did at a stage or at the end, or came closer to zero at the stages than
+ * it varied among them. */
+static int may_clip(const ts_sim *sim, int i)
+{
+    return sim->sign_changed[i] || sim->margin_low[i] < sim->margin_high[i] - sim->margin_low[i];
+}
+
+/* First transition in the step just accepted from tau to tau + h: theta in [0, 1] and the watch that crossed; -1: none.
+ * doubtful: the elongation leaves its piece there while the velocities have it return.  Positions and velocities on the dense
+ * output agree within the tolerance only, and a graze can be slower than that: such a crossing would be undone at once. */
+double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, double h, int *which, int *doubtful)
+{
+    int S = sim->m.count[TS_S], watches = sim->m.damping_law == TS_TENSION_ONLY ? 2 * S : S;
+    step s = {sim, method, tau, h};
+    double first = 2.0, slope;
+    *doubtful = 0;
+    for (int w = 0; w < watches; w++) {
+        int i = w % S;
+        if (w >= S && !clips(sim, i)) continue;
+        int crossed = excess(sim, w, sim->gap1[i], sim->rate1[i]) > 0.0;
+        int left = sim->gap_low[i] < sim->lo[i] || sim->gap_high[i] > sim->hi[i]; /* at some stage */
+        if (!crossed && !(w < S ? left || may_graze(sim, i, h) : may_clip(sim, i))) continue;
+        if (!sim->dense_ready) {
+            method->densify(sim, tau, h);
+            sim->dense_ready = 1;
+        }
+        double last = first > 1.0 ? 1.0 : first;
+        double theta = w < S ? scan(&s, i, last, one_way(sim, i, h) ? FEW_SAMPLES : SAMPLES) : scan_clipping(&s, w, last);
+        if (theta > 1.0 && crossed && first > 1.0) theta = 1.0; /* dense output and end differ by round-off */
+        if (theta < first) {
+            first = theta;
+            *which = w;
+        }
+    }
+    if (first > 1.0) return -1.0;
+    excess_at(&s, first, *which, &slope);
+    *doubtful = slope < 0.0;
+    return first;
+}
+
+static void change_piece(ts_sim *sim, double tau, int i, int piece, double loss)
+{
+    int taut = sim->taut[i], before = sim->piece[i];
+    if (piece < 0) return; /* there is none */
+    ts_place(sim, i, piece);
+    note(sim, tau, i, before, loss);
+    sim->y[2 * sim->m.nq] += loss;
+    sim->y[2 * sim->m.nq + 2] += loss;
+    sim->force_jumps |= taut != sim->taut[i] || loss > 0.0; /* by its damper, by a snap with memory; else pieces join */
+}
+
+/* A string leaves its piece at an end. */
+static void leave_piece(ts_sim *sim, double tau, int i, int up)
+{
+    const ts_piece *p = sim->curve[i].piece + sim->piece[i];
+    change_piece(sim, tau, i, up ? p->up : p->down, up ? p->loss_up : p->loss_down);
+}
+
+/* Is a taut string's tension one that it cannot bear, now that it is on another piece? */
+static void review_clipping(ts_sim *sim, int i, double gap, double rate)
+{
+    double scale;
+    if (clips(sim, i) && (sim->curve[i].branches || (sim->piece[i] == 1 && !sim->clipped[i])))
+        sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+}
+
+/* Carry out the transition that was located at the present state, and those of strings that stand at an end too and move
+ * out of their piece (symmetry). */
+void ts_switch(ts_sim *sim, double tau, int which)
+{
+    int S = sim->m.count[TS_S];
+    sim->force_jumps = 0;
+    for (int i = 0; i < S; i++) {
+        double gap, rate;
+        int before = sim->piece[i];
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        if (i == which) leave_piece(sim, tau, i, gap - sim->hi[i] > sim->lo[i] - gap);
+        else if (gap - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
+        else if (sim->lo[i] - gap >= -2.0 * sim->guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
+        else if (i + S != which) continue;
+        if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i]; /* where the tension is 0: no jump */
+        else review_clipping(sim, i, gap, rate);
+    }
+}
+
+/* Pieces by the elongations as they stand, where transitions are no longer located. */
+void ts_catch_up(ts_sim *sim, double tau)
+{
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        const ts_curve *c = sim->curve + i;
+        double gap, rate, scale, lost = 0.0;
+        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
+        if (excess(sim, i, gap, rate) > 0.0) {
+            int piece = c->branches ? ts_curve_walk(c, sim->piece[i], gap, 0.0, &lost) : ts_curve_piece(c, gap);
+            change_piece(sim, tau, i, piece, lost);
+        }
+        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    }
+}
