@@ -127,7 +127,7 @@ def exact(honeycomb: NSH) -> list[Beam]:
 
 
 def edges(honeycomb: NSH) -> Iterator[tuple[float, ...]]:
-    """How far off (parts) maxima may be taken to be when ties are judged: not at all; and at the edge of TIE up or down, each."""
+    """How far off (parts) maxima may be taken to be when ties are judged: not at all; at the edge of TIE up or down, each."""
     tops = [b.f_max for b in exact(honeycomb)]
     at_edge = [any(abs(float(top / other - ONE) - TIE) <= ROUND_OFF for other in tops) for top in tops]
     yield (0.0,) * len(tops)

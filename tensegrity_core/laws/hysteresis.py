@@ -296,7 +296,7 @@ def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
     """Intervals of p on which x increases, and whether each end is a fold.
 
     A fold may lie near an end, where the leading part has turned: dx/dp is looked at with distances from the ends that double
-    each time, and evenly between.  Parts that turn at forces nearer than TIE turn together: what dx/dp is next to such an end is
+    each time, and evenly between.  Parts that turn at forces that tie turn together: what dx/dp is next to such an end is
     round-off, and is passed over.
     """
     width = chain.end - chain.start

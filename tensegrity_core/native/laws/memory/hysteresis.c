@@ -189,8 +189,10 @@ static int32_t moved(const ts_graph *g, const ts_state *s, int j, double T, int 
         double stop = ts_law_force(part, part->n - 1, ts_law_stop(part), &slope);
         return up < 0 && T <= stop * (1.0 + TS_TIE) + slope * near ? part->n - 1 : on;
     }
-    if (up > 0) return T >= part->s[on].force[1] - ts_stretch_tie(part->s + on) || g->u[j] >= part->s[on].p.hi - near ? on + 1 : on;
-    return on > 0 && (T <= part->s[on].force[0] + ts_stretch_tie(part->s + on) || g->u[j] <= part->s[on].p.lo + near) ? on - 1 : on;
+    const ts_stretch *here = part->s + on;
+    double tie = ts_stretch_tie(here);
+    if (up > 0) return T >= here->force[1] - tie || g->u[j] >= here->p.hi - near ? on + 1 : on;
+    return on > 0 && (T <= here->force[0] + tie || g->u[j] <= here->p.lo + near) ? on - 1 : on;
 }
 
 /* The branch that joins on where one of the parts that come to maxima together falls, the others going back; -1: there is none.
