@@ -839,6 +839,16 @@ def test_a_state_in_initialization_mode_keeps_what_is_not_computed_yet(both):
     one.drop(state)
 
 
+def test_a_state_of_a_run_without_an_end_comes_back(both):
+    """A host may define the stop time as infinite."""
+    one = both("two_bar")
+    assert one.do("SetupExperiment", 0, 0.0, 0.0, 1, math.inf) == OK
+    state = one.save()
+    assert one.do("SetFMUstate", state) == OK
+    assert one.do("FreeFMUstate", byref(state)) == OK
+    assert one.restore(one.serialised()) == OK
+
+
 def test_a_state_pointer_is_used_again(both):
     one = both("two_bar", "stepping")
     state = one.save()

@@ -44,7 +44,7 @@ void fmu_state_save(const instance *fmu, char *bytes)
 static int is_possible(const head *h)
 {
     int one_mode = h->mode > 0 && !(h->mode & ~FMU_ANY) && !(h->mode & (h->mode - 1));
-    return one_mode && isfinite(h->start) && isfinite(h->time) && isfinite(h->stop);
+    return one_mode && isfinite(h->start) && isfinite(h->time) && !isnan(h->stop); /* a host may know no end */
 }
 
 const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t size)
