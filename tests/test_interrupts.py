@@ -62,6 +62,16 @@ if __name__ == "__main__":
 """
 
 
+@pytest.fixture(autouse=True)
+def no_signal_is_ignored():
+    """A shell's background jobs ignore SIGINT, and what they start inherits that."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def members(session: int) -> list[int]:
     """Processes of a session that still run."""
     found = []

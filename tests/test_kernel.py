@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driven_scenes import LABORATORY, built
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import changed, push, scene
@@ -611,3 +612,16 @@ def test_results_are_spread_and_flattened():
         assert len(components.names(field, model)) == flat.shape[1]
         if field.shape[-1:] == ("D",):
             assert full.shape == (3, len(model.nodes), 3)
+
+
+def test_every_input_has_a_row(monkeypatch):
+    """In the order of the kernel's block; an input that `Inputs` does not know is found at once."""
+    model = built(LABORATORY)
+    inputs = held(model, grid(0.02, 0.01))
+    rows, simulation = kernel.input_rows(model, inputs), Kernel(model)
+    assert rows.shape == (2, simulation.slopes.shape[1])
+    np.testing.assert_array_equal(rows[0], simulation.values[: rows.shape[1]])
+    row = next(field for field in fields.FIELDS if field.role == "input")._replace(name="heat")
+    monkeypatch.setattr("tensegrity_core.kernel.run.FIELDS", (*fields.FIELDS, row))
+    with pytest.raises(AttributeError, match="heat"):
+        kernel.input_rows(model, inputs)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError, SimulationError
-from ..fields import METHODS, outputs
+from ..fields import FIELDS, METHODS, outputs
 from ..model import Inputs, Model, Result, Transition
-from ..model.components import spread
+from ..model.components import flattened, spread
 from .binding import Kernel
 
 #: Calls into which `simulate` divides a step that is more work than one call may take.
@@ -16,11 +16,9 @@ PARTS = 50
 
 def input_rows(model: Model, inputs: Inputs) -> np.ndarray:
     """(K, inputs) values of all inputs in the order of the kernel's block."""
-    inputs, axes, steps = inputs.resolved(model), list(model.axes), len(inputs.times) - 1
-    force = inputs.force[:, model.free_nodes[:, None], axes]
-    motion = (getattr(inputs, name)[:, :, axes] for name in ("node_position", "node_velocity", "node_acceleration"))
-    parts = (force, inputs.rest_length, inputs.rest_length_rate, inputs.current, inputs.drum_load, *motion)
-    return np.hstack([np.asarray(part, dtype=float).reshape(steps, -1) for part in parts])
+    inputs = inputs.resolved(model)
+    given = (field for field in FIELDS if field.role == "input")
+    return np.hstack([flattened(field, model, np.asarray(getattr(inputs, field.name), dtype=float)) for field in given])
 
 
 def _step(kernel: Kernel, h: float) -> list[Transition]:

@@ -49,10 +49,10 @@ def names(field: Field, model: Model) -> list[str]:
 
 
 def _nodes(field: Field, model: Model) -> np.ndarray | None:
-    """Nodes over which the field's vectors stand, or None."""
+    """Where the field's vectors stand among all nodes, of inputs of moved nodes among these; None: it has no vectors."""
     if field.shape[-1:] != ("D",):
         return None
-    named = {"N": range(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes, "E": model.moving}
+    named = {"N": range(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes, "E": range(len(model.moving))}
     return np.array(named[field.shape[0]], dtype=int)
 
 
@@ -70,7 +70,7 @@ def spread(field: Field, model: Model, flat: np.ndarray) -> np.ndarray:
 
 
 def flattened(field: Field, model: Model, values: np.ndarray) -> np.ndarray:
-    """(rows, n) values out of a result's shape."""
+    """(rows, n) values out of the shape of a result, or of `Inputs`."""
     nodes = _nodes(field, model)
     if nodes is not None:
         values = values[:, nodes[:, None], list(model.axes)]
