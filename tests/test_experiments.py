@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driven_scenes import LABORATORY, built
 from scipy.linalg import expm
 
 from benchmarks.article import claims, claims_page, measures, variants
@@ -20,6 +21,7 @@ from tensegrity_core.article.figures import FIGURES
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import peaks
 from tensegrity_core.laws import nsh
+from tensegrity_core.model import grid, held
 from tensegrity_core.reference import equations
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -102,6 +104,22 @@ def test_refined_inputs_are_the_same_inputs():
     rows = np.searchsorted(fine.times, coarse.times)
     assert np.array_equal(fine.times[rows], coarse.times) and len(fine.times) == 231 + 3 * 40
     np.testing.assert_allclose(runs[1].position[rows], runs[0].position, atol=1e-9)
+
+
+def test_refined_inputs_move_nodes_as_the_same_inputs_do():
+    model = built(LABORATORY)
+    home, count = model.nodes[list(model.moving)], len(model.moving)
+
+    def motion(t):
+        shape = np.zeros((count, 3))
+        shape[:, model.axes[0]] = 0.01
+        return home + shape * np.sin(6.0 * t), 6.0 * shape * np.cos(6.0 * t)
+
+    coarse = held(model, grid(0.5, 0.05), motion=motion)
+    fine = peaks.refined(coarse, peaks.divided(coarse.times, 4, np.arange(10)))
+    runs = [kernel.simulate(model, inputs) for inputs in (coarse, fine)]
+    assert count and np.ptp(runs[0].position[:, model.moving], axis=0).max() > 1e-3
+    np.testing.assert_allclose(runs[1].position[::4], runs[0].position, atol=1e-9)
 
 
 def test_nsh_oscillator_conserves_energy():

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..fields import FIELDS
 from ..model import Inputs, Model, Result
 from .run import simulate
 
@@ -19,12 +20,16 @@ EVERYWHERE, CLOSER, NEAR, ROUNDS = 5, 30, 0.9, 2
 
 
 def refined(inputs: Inputs, times: np.ndarray) -> Inputs:
-    """The same inputs at more communication points; `times` has all of theirs.  Nodes that inputs move are not provided for."""
+    """The same inputs, which are resolved, at more communication points; `times` has all of theirs."""
     step = np.clip(np.searchsorted(inputs.times, times[:-1], side="right") - 1, 0, len(inputs.times) - 2)
-    since = (times[:-1] - inputs.times[step])[:, None]
-    held = {name: getattr(inputs, name) for name in ("force", "rest_length_rate", "current", "drum_load")}
-    found = {name: None if values is None else values[step] for name, values in held.items()}
-    return replace(inputs, times=times, rest_length=inputs.rest_length[step] + inputs.rest_length_rate[step] * since, **found)
+    since = times[:-1] - inputs.times[step]
+    given = (field.name for field in FIELDS if field.role == "input")
+    found = {name: getattr(inputs, name)[step] for name in given}
+    found["rest_length"] = found["rest_length"] + found["rest_length_rate"] * since[:, None]
+    since, acceleration = since[:, None, None], found["node_acceleration"]
+    found["node_position"] = found["node_position"] + (found["node_velocity"] + 0.5 * acceleration * since) * since
+    found["node_velocity"] = found["node_velocity"] + acceleration * since
+    return replace(inputs, times=times, **found)
 
 
 def divided(times: np.ndarray, parts: int, steps: np.ndarray) -> np.ndarray:
@@ -36,6 +41,7 @@ def divided(times: np.ndarray, parts: int, steps: np.ndarray) -> np.ndarray:
 
 def largest(model: Model, inputs: Inputs, quantity: Callable[[Result], np.ndarray], **options) -> np.ndarray:
     """(n,) largest values of the n quantities, (K+1, n) of a result, over a run; options: see kernel.simulate."""
+    inputs = inputs.resolved(model)
     times = divided(inputs.times, EVERYWHERE, np.arange(len(inputs.times) - 1))
     values = quantity(simulate(model, refined(inputs, times), **options))
     for _ in range(ROUNDS):
