@@ -1195,3 +1195,24 @@ def test_events_say_what_they_mean_and_both_runtimes_say_it_alike(pair):
     assert both == python and len(both) > 20
     for ending in (", slack", ", taut", ", 1 snapped", ", 3 snapped"):
         assert any(line.endswith(ending) for line in both), ending
+
+
+def test_nothing_is_read_where_no_start_can_be_computed(both):
+    one = both("three_bar", "initialization")
+    one.set({"n4.force.z": -1.7976931348623157e308})
+    assert one.do("GetReal", None, 0, None) == one.do("GetInteger", None, 0, None) == OK
+    with pytest.raises(AssertionError):
+        one.get("n4.z")
+
+
+@pytest.mark.parametrize("shortest", [1e-300, 1e-30])
+def test_a_step_that_is_next_to_nothing_leaves_the_next_one_alone(both, shortest):
+    """Its own length tells the step control nothing."""
+    one = both("two_bar", "stepping")
+    one.set({"s1.damping": 10.0})
+    assert one.do("DoStep", 0.0, shortest, 1) == OK
+    assert one.do("DoStep", shortest, 1e-3, 1) == OK
+    other = both("two_bar", "stepping")
+    other.set({"s1.damping": 10.0})
+    assert other.do("DoStep", 0.0, 1e-3, 1) == OK
+    np.testing.assert_allclose(one.outputs(), other.outputs(), rtol=1e-9, atol=1e-9)

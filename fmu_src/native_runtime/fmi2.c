@@ -288,7 +288,7 @@ FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[
     if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
-    if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
+    if (n && fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     const uint32_t reals = (uint32_t)fmu->table.reals;
     for (size_t i = 0; i < n; i++) value[i] = vr[i] < reals ? fmu->values[vr[i]] : fmu->integers[vr[i] - reals];
     return fmi2OK;
@@ -300,7 +300,7 @@ FMI2_Export fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference 
     if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
     if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
-    if (fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
+    if (n && fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     for (size_t i = 0; i < n; i++) value[i] = fmu->integers[vr[i] - (uint32_t)fmu->table.reals];
     return fmi2OK;
 }

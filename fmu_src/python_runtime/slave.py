@@ -282,7 +282,7 @@ class TensegritySlave(Fmi2Slave):
         group = self._table.reals.group(references)
         if group is None:
             self._require(what, "Real", references, lambda i: i in self._table.reals or i in self._table.integers)
-        if self._state.mode == INITIALIZATION:
+        if len(references) and self._state.mode == INITIALIZATION:
             self._refresh(what)
         if group is not None:
             return self._values[group.index]
@@ -294,7 +294,7 @@ class TensegritySlave(Fmi2Slave):
         group = block.group(references)
         if group is None:
             self._require(what, "Integer", references, block.__contains__)
-        if self._state.mode == INITIALIZATION:
+        if len(references) and self._state.mode == INITIALIZATION:
             self._refresh(what)
         return self._integers[group.index] if group is not None else self._integers[:0]
 

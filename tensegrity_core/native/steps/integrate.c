@@ -349,6 +349,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     budget b = {work(sim), PORTION, 0.0};
     if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end)) return fail(sim, TS_WORK_LIMIT);
     sim->most = p.longest;
+    if (!(memory->h_next > LEAST_STEP * end)) memory->h_next = 0.0; /* a call so much shorter says nothing of this one */
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
     if (!all_finite(sim, sim->f0)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     while (tau < end) {
