@@ -15,11 +15,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from support import scene
 
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
 from tensegrity_core.scene import builtin_scenes
+from tests.support import scene
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -114,7 +114,7 @@ def both(request, native_folders, python_folders):
 
 
 def instances(folders, pack):
-    from native_calls import Calls
+    from tests.support.native_calls import Calls
 
     made = []
 

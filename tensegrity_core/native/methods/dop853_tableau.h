@@ -3,7 +3,7 @@
  * P. J. Prince, J. R. Dormand, High order embedded Runge-Kutta formulae, 1981, doi:10.1016/0771-050X(81)90010-3;
  * E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, doi:10.1007/978-3-540-78862-1.
  * A: stages 0..11, the end (12) and the stages of dense output (13..15); B = A[12].  E3, E5: error estimates; D: dense
- * output.  tests/test_tableaus.py checks the order conditions. */
+ * output.  tests/native/test_tableaus.py checks the order conditions. */
 static const double C[16] = {0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726,
      0.3333333333333333, 0.25, 0.3076923076923077, 0.6512820512820513, 0.6, 0.8571428571428571, 1.0, 1.0, 0.1, 0.2,
      0.7777777777777778};

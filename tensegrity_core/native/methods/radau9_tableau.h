@@ -4,7 +4,7 @@
  * E. Hairer, G. Wanner, Stiff differential equations solved by Radau methods, Journal of Computational and Applied
  * Mathematics 111, 1999, doi:10.1016/S0377-0427(99)00134-X.  A = T inverse(L) TI, L with GAMMA and the pairs
  * [[a, b], [-b, a]] of MU on its diagonal; E: error estimate; DENSE[k]: coefficient of theta^(k+1).
- * tests/test_tableaus.py checks the order conditions and that the arrays belong together. */
+ * tests/native/test_tableaus.py checks the order conditions and that the arrays belong together. */
 static const double C[5] = {0.05710419611451768, 0.2768430136381238, 0.5835904323689168, 0.8602401356562195, 1.0};
 static const double A[5][5] = {
     {0.07299886431790333, -0.02673533110794557, 0.018676929763984353, -0.01287910609330644, 0.005042839233882015},

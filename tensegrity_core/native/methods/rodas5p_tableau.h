@@ -4,7 +4,7 @@
  * Equations package, BIT Numerical Mathematics 63, 2023, doi:10.1007/s10543-023-00967-x.
  * In the transformed variables U of Hairer and Wanner (Solving Ordinary Differential Equations II, section IV.7):
  * (I/(GAMMA h) - J) U_i = f(y + sum A_ij U_j) + sum C_ij U_j/h + h D_i f_t;  y1 = y + sum A_8j U_j + U_8, error U_8.
- * tests/test_tableaus.py checks the order conditions. */
+ * tests/native/test_tableaus.py checks the order conditions. */
 static const double GAMMA = 0.21193756319429014;
 static const double A[8][8] = {
     {0, 0, 0, 0, 0, 0, 0, 0},

@@ -1,0 +1,1 @@
+"""Steady states, followed, swept and linearised."""

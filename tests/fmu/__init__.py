@@ -1,0 +1,1 @@
+"""FMUs: their variables, packing, validation, and what both runtimes answer."""

@@ -1,0 +1,1 @@
+"""FMUs against the reference, and that what is wrong gets caught."""

@@ -1,0 +1,90 @@
+"""Cross-check bundles: fmpy's own cross-check takes them, simulates the FMU and finds its results within the band."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fmpy import read_model_description, simulate_fmu
+from fmpy.cross_check.cross_check import cross_check
+from fmpy.cross_check.validate_vendor_repo import validate_test_fmu
+from fmpy.util import read_csv as fmpy_csv
+from fmpy.util import read_ref_opt_file
+
+from fmu_src.validation.cross_check import write_cross_check
+from fmu_src.validation.validate import CACHE
+from tests.support import scene
+
+SCENE = "three_bar_nsh"
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    return write_cross_check(scene(SCENE), tmp_path_factory.mktemp("bundle"), cache=CACHE)
+
+
+def read(path):
+    """A table; fmpy writes the names in quotes."""
+    lines = path.read_text(encoding="utf-8").replace('"', "").splitlines()
+    return np.genfromtxt(lines, delimiter=",", names=True, deletechars="")
+
+
+def test_bundle_has_the_files_that_the_rules_name(bundle):
+    names = {f"{SCENE}.fmu", f"{SCENE}_in.csv", f"{SCENE}_ref.csv", f"{SCENE}_ref.opt", "ReadMe.txt"}
+    assert {path.name for path in bundle.iterdir()} == names
+    assert bundle.parts[-7:-4] == ("fmus", "2.0", "cs") and bundle.name == SCENE
+    assert all(path.stat().st_size < 1_000_000 for path in bundle.iterdir())
+
+
+def test_fmpys_rules_find_no_problem(bundle):
+    assert validate_test_fmu(str(bundle)) == []
+
+
+@pytest.mark.parametrize("contents", [{"simple": True}, {"sources": True}, {"naming": "flat"}])
+def test_bundles_of_other_contents_keep_the_rules(contents, tmp_path):
+    assert validate_test_fmu(str(write_cross_check(scene("two_bar_nsh"), tmp_path, cache=CACHE, **contents))) == []
+
+
+def test_options_are_lines_of_a_name_and_a_number(bundle):
+    lines = (bundle / f"{SCENE}_ref.opt").read_text(encoding="utf-8").splitlines()
+    assert [line.split(",")[0] for line in lines] == ["StartTime", "StopTime", "StepSize", "RelTol"]
+    assert [float(line.split(",")[1]) for line in lines] == [0.0, 2.0, 0.01, 1e-6]
+    assert read_ref_opt_file(str(bundle / f"{SCENE}_ref.opt"))["StopTime"] == 2.0
+
+
+def test_tables_name_inputs_and_outputs_of_the_fmu(bundle):
+    causality = {v.name: v.causality for v in read_model_description(str(bundle / f"{SCENE}.fmu")).modelVariables}
+    given, expected = read(bundle / f"{SCENE}_in.csv"), read(bundle / f"{SCENE}_ref.csv")
+    assert {causality[name] for name in given.dtype.names[1:]} == {"input"}
+    assert {causality[name] for name in expected.dtype.names[1:]} == {"output"}
+    assert len(expected) == 201
+    jumps = np.flatnonzero(np.diff(given["time"]) == 0.0)
+    np.testing.assert_allclose(given["time"][jumps], [0.5, 1.0, 1.5])
+
+
+def simulated(options):
+    """What `python -m fmpy.cross_check --simulate` does with an FMU."""
+    given = fmpy_csv(options["input_filename"])
+    return simulate_fmu(
+        options["fmu_filename"], validate=False, step_size=options["step_size"], stop_time=options["stop_time"], input=given,
+        output=options["output_variable_names"],
+    )  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_fmpys_cross_check_simulates_the_bundle_and_accepts_the_result(bundle, tmp_path, monkeypatch):
+    plotless = "fmpy.cross_check.cross_check.plot_result"  # plotting needs plotly, which is not the point here
+    monkeypatch.setattr(plotless, lambda *arguments, **options: None)
+    report, results = tmp_path / "report.html", tmp_path / "results"
+    cross_check(str(bundle.parents[5]), str(report), str(results), simulated, "this", "1", lambda _: False, lambda: "tried")
+    text = report.read_text(encoding="utf-8")
+    assert "100 %</span>" in text and "label label-danger" not in text and "label label-warning" not in text, text[-3000:]
+    (found,) = results.rglob(f"{SCENE}_out.csv")
+    assert {path.name for path in found.parent.iterdir()} & {"passed", "failed", "rejected"} == {"passed"}
+    ours, expected = read(found), read(bundle / f"{SCENE}_ref.csv")
+    for name in expected.dtype.names[1:]:
+        at = np.interp(expected["time"], ours["time"], ours[name])
+        # Six digits are stored.  The throughput is the integral of a magnitude, which has kinks inside steps; no error control
+        # sees it, and nothing but the scale of the energy balance comes from it.
+        digits = 1e-4 if name == "energy.throughput" else 2e-5
+        bound = digits * (1.0 + np.max(np.abs(expected[name])))
+        assert np.max(np.abs(at - expected[name])) <= bound, name

@@ -1,0 +1,1 @@
+"""The table of variables, and modelDescription.xml."""

@@ -1,0 +1,1 @@
+"""The C sources by themselves."""

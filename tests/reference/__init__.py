@@ -1,0 +1,1 @@
+"""The reference: the article's equations, and other people's solutions."""

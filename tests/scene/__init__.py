@@ -1,0 +1,1 @@
+"""Scene files, and the scenes of towers."""

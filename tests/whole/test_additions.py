@@ -1,0 +1,157 @@
+"""What README's table says of additions is true: in a copy of the tree an output and an integrator are added by these steps
+alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import once
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ("tensegrity_core", "fmu_src", "build_fmu.py", "LICENSE", "pyproject.toml", "README.md")
+
+#: The elongation of a string as an output: its row, and its values in the kernel and in the reference.
+ROW = '''    Field("elongation", "output", ("S",), "m", "{S}.elongation", "length beyond the rest length", compared="length"),
+'''
+KERNEL = "        sim->values[m->at[TS_ELONGATION] + i] = sim->gap[i];\n"
+REFERENCE = "            elongation=strings.stretch,\n"
+
+#: Heun's method, K. Heun, Neue Methoden zur approximativen Integration der Differentialgleichungen einer unabhaengigen
+#: Veraenderlichen, Zeitschrift fuer Mathematik und Physik 45, 1900: what differs from rk4.c, whose dense output it keeps.
+LINE = '    "heun": "explicit Runge-Kutta method of order 2 by Heun, fixed step",\n'
+ATTEMPT = """static double attempt(ts_sim *sim, double tau, double h)
+{
+    int stride = sim->m.stride, n = padded(2 * sim->m.nq);
+    static const double middle[1] = {1.0}, end[2] = {0.5, 0.5};
+    for (int i = 0; i < stride; i++) sim->k[i] = sim->f0[i];
+    add_stages(sim->y, middle, 1, sim->k, stride, h, n, sim->ytmp);
+    ts_rhs(sim, tau + h, sim->ytmp, sim->k + stride);
+    add_stages(sim->y, end, 2, sim->k, stride, h, stride, sim->y1);
+    return 0.0;
+}
+
+"""
+
+
+def insert(path: Path, before: str, text: str) -> None:
+    old = path.read_text(encoding="utf-8")
+    assert old.count(before) == 1, f"{path} holds {before!r} {old.count(before)} times"
+    path.write_text(old.replace(before, text + before), encoding="utf-8")
+
+
+def source(tree: Path, name: str) -> Path:
+    (found,) = (tree / "tensegrity_core" / "native").rglob(name)
+    return found
+
+
+def run(tree: Path, *command, code: int = 0) -> str:
+    """What a command of the copy prints; it imports the copy, which lies in the working folder."""
+    surroundings = {**os.environ, "PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(tree / "cache")}
+    options = {"capture_output": True, "text": True, "encoding": "utf-8"}
+    done = subprocess.run([sys.executable, *command], cwd=tree, env=surroundings, **options)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def build_libraries(tree: Path, *more: str) -> None:
+    """What installing the package does, for the kernel and what else is named."""
+    lines = ["from tensegrity_core.native import build", "build.compile_library(build.HERE)", *more]
+    run(tree, "-c", "\n".join(lines))
+
+
+def add_output(tree: Path) -> None:
+    """Three files."""
+    insert(tree / "tensegrity_core" / "fields.py", '    Field("wound_rest_length", ', ROW)
+    insert(source(tree, "outputs.c"), "        force[i] = sim->fs[i] + sim->fd[i];\n", KERNEL)
+    insert(tree / "tensegrity_core" / "reference" / "run.py", "            kinetic=kinetic_energy(", REFERENCE)
+
+
+def add_integrator(tree: Path) -> None:
+    """Two files."""
+    insert(tree / "tensegrity_core" / "fields.py", '    "ros2": ', LINE)
+    rk4 = source(tree, "rk4.c")
+    text = rk4.read_text(encoding="utf-8").replace("rk4", "heun")
+    begin, end = text.index("#define STAGE"), text.index("static void accept")
+    text = text[:begin] + ATTEMPT + text[end:]
+    text = "".join(line for line in text.splitlines(keepends=True) if "heun_tableau" not in line or "include" not in line)
+    rk4.with_name("heun.c").write_text(text, encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory) -> Path:
+    """A copy of the tree with both, built."""
+
+    def make(folder):
+        folder.mkdir()
+        kept = shutil.ignore_patterns("*.so", "*.dll", "*.dylib", "__pycache__", "*.dist-info")
+        for part in PARTS:
+            copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
+            copy(ROOT / part, folder / part, **({"ignore": kept} if (ROOT / part).is_dir() else {}))
+        add_output(folder)
+        add_integrator(folder)
+        run(folder, "-m", "tensegrity_core.fields")
+        build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY)")
+
+    return once(tmp_path_factory, "additions", make)
+
+
+def test_an_fmu_with_both_is_validated(tree):
+    """Output and method are there by their names, compared, and documented."""
+    told = run(tree, "build_fmu.py", "two_bar", "--output", "dist", "--runtime", "native")
+    assert "4 of 4" in told, told
+    with zipfile.ZipFile(tree / "dist" / "native" / "two_bar.fmu") as archive:
+        assert b"s1.elongation" in archive.read("documentation/index.html")
+    code = ("from fmpy import read_model_description, simulate_fmu\n"
+            "fmu = 'dist/native/two_bar.fmu'\n"
+            "known = {v.name: v for v in read_model_description(fmu).modelVariables}\n"
+            "print(known['s1.elongation'].causality, known['s1.elongation'].unit, known['solver.method'].max)\n"
+            "def run(**options):\n"
+            "    start = {'n4.force.z': 5.0, **{f'solver.{name}': value for name, value in options.items()}}\n"
+            "    return simulate_fmu(fmu, stop_time=0.2, start_values=start, output=['s1.elongation'])['s1.elongation']\n"
+            "exact = run()\n"
+            "coarse, fine = (abs(run(method=5, step=h) - exact).max() for h in (2e-4, 1e-4))\n"
+            "print(3.5 < coarse / fine < 4.5, abs(exact).max() > 1e-4)\n")  # fmt: skip
+    lines = run(tree, "-c", code).splitlines()
+    assert lines[-2:] == ["output m 6", "True True"], lines
+
+
+def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Path:
+    """A copy of the tree with a change of one file."""
+    copy = tmp_path / "tree"
+    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("dist", "cache"))
+    path = copy / file if "/" in file else source(copy, file)
+    text = path.read_text(encoding="utf-8")
+    assert text.count(before) == 1
+    path.write_text(text.replace(before, after), encoding="utf-8")
+    return copy
+
+
+def test_a_wrong_value_of_the_new_output_is_found(tree, tmp_path):
+    """In the reference, here: the comparison does not know which one is right."""
+    right = "elongation=strings.stretch"
+    copy = wrong(tree, tmp_path, "tensegrity_core/reference/run.py", right, f"{right} * (1.0 + 1e-5)")
+    told = run(copy, "build_fmu.py", "two_bar", "--output", "dist", "--runtime", "native", code=1)
+    assert "elongation error" in told, told
+
+
+def test_an_output_without_a_value_in_the_reference_is_found(tree, tmp_path):
+    copy = wrong(tree, tmp_path, "tensegrity_core/reference/run.py", REFERENCE, "")
+    told = run(copy, "build_fmu.py", "two_bar", "--output", "dist", "--runtime", "native", code=1)
+    assert "'elongation' is missing" in told, told
+
+
+def test_an_output_without_a_value_in_the_kernel_is_found(tree, tmp_path):
+    copy = wrong(tree, tmp_path, "outputs.c", KERNEL, "")
+    build_libraries(copy)
+    code = ("from tensegrity_core.kernel import Kernel\nfrom tensegrity_core.scene import load_scene\n"
+            "from tensegrity_core.statics import build_model\n"
+            "Kernel(build_model(load_scene('two_bar'))).initialize()\n")  # fmt: skip
+    assert "is not a finite number" in run(copy, "-c", code, code=1)
