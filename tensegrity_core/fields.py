@@ -207,7 +207,9 @@ def require_complete(fields: tuple[Field, ...] = FIELDS + INTEGER_FIELDS) -> Non
             raise ValueError(f"fields.py: {field.name!r} has the role {field.role!r} and the shape {field.shape!r}; see Field")
         if (field.role == "output") != (field.compared in COMPARED):
             known = ", ".join(COMPARED)
-            raise ValueError(f"fields.py: {field.name!r}: compared = {field.compared!r}; an output, and nothing else, has one of {known}")
+            raise ValueError(
+                f"fields.py: {field.name!r}: compared = {field.compared!r}; an output, and nothing else, has one of {known}"
+            )
         if names.count(field.name) > 1 or (field.rate_of and field.rate_of not in names):
             raise ValueError(f"fields.py: {field.name!r} stands there twice, or is the rate of an unknown field")
 
@@ -217,6 +219,7 @@ def c_header() -> str:
     require_complete()
     lines = [
         "/* Written by `python -m tensegrity_core.fields`; edit fields.py instead. */",
+        "/* clang-format off */ /* a row is a line */",
         "#ifndef TENSEGRITY_FIELDS_H",
         "#define TENSEGRITY_FIELDS_H",
         "",

@@ -63,29 +63,41 @@ def _compression(d: dict) -> list[bool]:
 
 STATICS = (
     Claim(
-        "statics", "Bars are 1.29 m long in the 2D system and 2.07 m in the 3D ones.", _bar_lengths,
-        lambda d: each(lambda name: f"{d['statics']['bar_lengths'][name][0]:.4f} m"), True,
+        "statics",
+        "Bars are 1.29 m long in the 2D system and 2.07 m in the 3D ones.",
+        _bar_lengths,
+        lambda d: each(lambda name: f"{d['statics']['bar_lengths'][name][0]:.4f} m"),
+        True,
     ),
     Claim(
-        "statics", "The given coordinates are in equilibrium.",
+        "statics",
+        "The given coordinates are in equilibrium.",
         lambda d: [d["statics"]["moved"][name] < 1e-3 for name in SYSTEMS],
-        lambda d: "settled start within " + each(lambda name: f"{1e3 * d['statics']['moved'][name]:.1f} mm"), True,
+        lambda d: "settled start within " + each(lambda name: f"{1e3 * d['statics']['moved'][name]:.1f} mm"),
+        True,
         "Two-bar with one tension left free; three-bar only under gravity, which then determines every tension; the six-bar "
         "tower is near a self-stressed state, not in one.",
     ),
     Claim(
-        "statics", "All four beams are metastable (Q = 6, 8, 10, 12 N, \u03b6 = 3, 4, 5, 6).",
+        "statics",
+        "All four beams are metastable (Q = 6, 8, 10, 12 N, \u03b6 = 3, 4, 5, 6).",
         lambda d: [f > 0.0 for f in d["statics"]["f_min"]],
-        lambda d: "f_min = " + ", ".join(f"{f:.2f}" for f in d["statics"]["f_min"]) + " N, all positive", True,
+        lambda d: "f_min = " + ", ".join(f"{f:.2f}" for f in d["statics"]["f_min"]) + " N, all positive",
+        True,
     ),
     Claim(
-        "statics", "The honeycomb's largest compression is slightly more than 8 cm (figure 5).", _compression,
-        lambda d: f"{100 * d['statics']['marks']['snap 4'][0]:.2f} cm where the last beam snaps, "
-        f"{100 * d['statics']['after_last_snap']:.2f} cm where it has, {100 * d['statics']['marks']['end'][0]:.2f} cm "
-        "at the stops", True,
+        "statics",
+        "The honeycomb's largest compression is slightly more than 8 cm (figure 5).",
+        _compression,
+        lambda d: (
+            f"{100 * d['statics']['marks']['snap 4'][0]:.2f} cm where the last beam snaps, "
+            f"{100 * d['statics']['after_last_snap']:.2f} cm where it has, {100 * d['statics']['marks']['end'][0]:.2f} cm "
+            "at the stops"
+        ),
+        True,
         "The article's own h give a sum of 2 h of 9 cm.",
     ),
-)  # fmt: skip
+)
 
 # --- I -----------------------------------------------------------------------------------------------------------
 
@@ -128,67 +140,92 @@ def _lifts(d: dict, name: str) -> str:
 
 FIRST = (
     Claim(
-        "I", "Lifts of 10 to 72 N snap all four beams.",
+        "I",
+        "Lifts of 10 to 72 N snap all four beams.",
         lambda m: [m[nsh(name)]["most_snapped"][0] == 0 and m[nsh(name)]["least_snapped"][1] == 4 for name in SYSTEMS],
-        lambda m: "beams snapped at 10 and 72 N: " + each(
-            lambda n: f"{m[nsh(n)]['most_snapped'][0]} and {m[nsh(n)]['least_snapped'][1]}"),
+        lambda m: (
+            "beams snapped at 10 and 72 N: "
+            + each(lambda n: f"{m[nsh(n)]['most_snapped'][0]} and {m[nsh(n)]['least_snapped'][1]}")
+        ),
     ),
     Claim(
-        "I", "There are four snaps in each system's curve.", _four_snaps,
+        "I",
+        "There are four snaps in each system's curve.",
+        _four_snaps,
         lambda m: "between " + "; ".join(f"{SYSTEMS[n]} {shown_steps(m[nsh(n)])} N" for n in SYSTEMS),
         note="The six-bar system has two kinds of NSH strings, vertical and diagonal, and these do not snap together.",
     ),
     Claim(
-        "I", "A beam snaps when the force on the NSH passes its f_max.", _tension_at_snaps,
-        lambda d: "largest distance of the string's elastic force from f_max just before: "
-        f"{max(abs(x['tension'] - f) for x, f in _with_f_max(d)):.4f} N", True,
+        "I",
+        "A beam snaps when the force on the NSH passes its f_max.",
+        _tension_at_snaps,
+        lambda d: (
+            "largest distance of the string's elastic force from f_max just before: "
+            f"{max(abs(x['tension'] - f) for x, f in _with_f_max(d)):.4f} N"
+        ),
+        True,
     ),
     Claim(
-        "I", "Snaps occur when the external force is just above f_max (13.3, 20.4, 28.9, 39.1 N).", _lift_at_snaps,
-        lambda d: "lifts: " + each(lambda name: _lifts(d, name)), True,
+        "I",
+        "Snaps occur when the external force is just above f_max (13.3, 20.4, 28.9, 39.1 N).",
+        _lift_at_snaps,
+        lambda d: "lifts: " + each(lambda name: _lifts(d, name)),
+        True,
         "What the lift adds to the string's force depends on geometry, weight and prestress.",
     ),
     Claim(
-        "I", "All top nodes have the same height.",
+        "I",
+        "All top nodes have the same height.",
         lambda m: [m[name + kind]["spread"] < 1e-3 for name in SYSTEMS for kind in ("", "_nsh")],
         lambda m: "largest difference with NSH: " + each(lambda n: f"{1e3 * m[nsh(n)]['spread']:.2f} mm"),
         note="The given coordinates are symmetric to a millimetre only; where a snap is near, one string snaps first.",
     ),
     Claim(
-        "I", "The vertical strings snap at the same time.",
+        "I",
+        "The vertical strings snap at the same time.",
         lambda m: [m[nsh(name)]["apart"] == 0 for name in SYSTEMS],
         lambda m: "largest difference in snapped beams: " + each(lambda n: str(m[nsh(n)]["apart"])),
     ),
     Claim(
-        "I", "Without NSH the curve is smooth and almost linear.",
+        "I",
+        "Without NSH the curve is smooth and almost linear.",
         lambda m: [m[name]["bend"] <= LINEAR for name in SYSTEMS],
         lambda m: "largest distance from a straight line, of the range: " + each(lambda n: f"{100 * m[n]['bend']:.1f} %"),
         note="The two-bar curve bends where its top string goes slack, the six-bar one as the tower stiffens.",
     ),
     Claim(
-        "I", "The range of z is larger with NSH.",
+        "I",
+        "The range of z is larger with NSH.",
         lambda m: [m[nsh(name)]["range"] > m[name]["range"] for name in SYSTEMS],
         lambda m: "with and without: " + each(lambda n: f"{1e3 * m[nsh(n)]['range']:.1f} and {1e3 * m[n]['range']:.1f} mm"),
     ),
     Claim(
-        "I", "Under the same force the systems give way more with NSH.",
+        "I",
+        "Under the same force the systems give way more with NSH.",
         lambda m: [a > b for name in SYSTEMS for a, b in zip(m[nsh(name)]["z"], m[name]["z"])],
-        lambda m: "height gained with NSH over that without, from the least to the largest of all lifts: " + each(
-            lambda n: "{:.1f} to {:.1f} mm".format(*_gained(m, n))),
+        lambda m: (
+            "height gained with NSH over that without, from the least to the largest of all lifts: "
+            + each(lambda n: "{:.1f} to {:.1f} mm".format(*_gained(m, n)))
+        ),
     ),
     Claim(
-        "I", "With NSH the reachable heights are several domains that do not intersect.",
+        "I",
+        "With NSH the reachable heights are several domains that do not intersect.",
         lambda d: [x["gap"] > GAP for name in SYSTEMS for x in d["snaps"][name]],
-        lambda d: f"smallest and largest gap at a snap: {1e3 * min(_gaps(d)):.1f} and {1e3 * max(_gaps(d)):.1f} mm, between "
-        "lifts 0.01 N apart", True,
+        lambda d: (
+            f"smallest and largest gap at a snap: {1e3 * min(_gaps(d)):.1f} and {1e3 * max(_gaps(d)):.1f} mm, between "
+            "lifts 0.01 N apart"
+        ),
+        True,
     ),
     Claim(
-        "I", "After 50 s the systems are at rest.",
+        "I",
+        "After 50 s the systems are at rest.",
         lambda m: [m[name + kind]["speed"] < AT_REST for name in SYSTEMS for kind in ("", "_nsh")],
         lambda m: "fastest node: " + each(lambda n: f"{max(m[n]['speed'], m[nsh(n)]['speed']):.0e} m/s"),
         note="The six-bar system has motions that change no string's length at first order, so no damper sees them.",
     ),
-)  # fmt: skip
+)
 
 
 def _gained(m: dict, name: str) -> tuple[float, float]:
@@ -240,45 +277,102 @@ def forces(m: dict, name: str) -> tuple[float, float]:
 
 
 SECOND = (
-    Claim("II", "d = 500: n5 moves farther without NSH.", lambda m: _compare(m, ("plain", 500), ("nsh", 500)),
-          lambda m: _both(m, 500)),
-    Claim("II", "d = 500: the steady response with NSH is more than two times smaller.",
-          lambda m: [2.0 * swing(m, "nsh", 500) < swing(m, "plain", 500)],
-          lambda m: f"steady swing {swing(m, 'nsh', 500):.2f} m with, {swing(m, 'plain', 500):.2f} m without"),
-    Claim("II", "d = 50: n5 moves farther with NSH.", lambda m: _compare(m, ("nsh", 50), ("plain", 50)),
-          lambda m: _both(m, 50)),
-    Claim("II", "d = 5000: n5 moves farther without NSH.", lambda m: _compare(m, ("plain", 5000), ("nsh", 5000)),
-          lambda m: _both(m, 5000)),
-    Claim("II", "n5 moves farther at d = 50 than at d = 500.",
-          lambda m: [c for kind in ("nsh", "plain") for c in _compare(m, (kind, 50), (kind, 500))],
-          lambda m: "50 and 500, with: " + _moves(m, ("nsh", 50), ("nsh", 500)) + "; without: "
-          + _moves(m, ("plain", 50), ("plain", 500))),
-    Claim("II", "n5 moves much less at d = 5000 than at d = 500.",
-          lambda m: [c for kind in ("nsh", "plain") for c in _compare(m, (kind, 500), (kind, 5000), MUCH)],
-          lambda m: "5000 and 500, with: " + _moves(m, ("nsh", 5000), ("nsh", 500)) + "; without: "
-          + _moves(m, ("plain", 5000), ("plain", 500))),
-    Claim("II", "At high damping the response is periodic after the first period.",
-          lambda m: [x <= TRANSIENT for x in _away(m, 5000, 2).values()],
-          lambda m: "d = 5000, second period: " + _shown_away(_away(m, 5000, 2)) + "; with NSH all periods but the last: "
-          + ", ".join(f"{100 * x:.0f}" for x in m["nsh/5000"]["away"]) + " %"),
-    Claim("II", "At low damping transients last into the fourth period.",
-          lambda m: [x > TRANSIENT for x in _away(m, 50, 4).values()],
-          lambda m: "d = 50, fourth period: " + _shown_away(_away(m, 50, 4))),
-    Claim("II", "d = 500: elastic forces of n1-n4 are much smaller with NSH.",
-          lambda m: [with_nsh <= MUCH * without for with_nsh, without in (forces(m, "force_peak"), forces(m, "force_mean"))],
-          lambda m: "with and without: peak {:.0f} and {:.0f} N".format(*forces(m, "force_peak"))
-          + ", mean {:.0f} and {:.0f} N".format(*forces(m, "force_mean")),
-          note="Under 400 N the NSH bottoms out, and its string's own stiffness carries the peaks."),
-    Claim("II", "d = 500: bars carry less with NSH.", lambda m: [forces(m, "bar_mean")[0] < forces(m, "bar_mean")[1]],
-          lambda m: "mean over bars and time, with dampers: {:.0f} and {:.0f} N".format(*forces(m, "bar_mean"))),
-    Claim("II", "d = 500: the NSH's snaps show in the string's force.", lambda m: [m["nsh/500"]["snaps"] > 0],
-          lambda m: f"{m['nsh/500']['snaps']} beams of n1-n4 snap in 5 s"),
-    Claim("II", "NSH increase the absorption of energy (section V).",
-          lambda m: [m[f"nsh/{d}"]["dissipated"] > m[f"plain/{d}"]["dissipated"] for d in (50, 500, 5000)],
-          lambda m: "dissipated in 10 s, with and without: " + "; ".join(
-              f"{m[f'nsh/{d}']['dissipated'] / 1e3:.1f} and {m[f'plain/{d}']['dissipated'] / 1e3:.1f} kJ at d = {d}"
-              for d in (50, 500, 5000))),
-)  # fmt: skip
+    Claim(
+        "II",
+        "d = 500: n5 moves farther without NSH.",
+        lambda m: _compare(m, ("plain", 500), ("nsh", 500)),
+        lambda m: _both(m, 500),
+    ),
+    Claim(
+        "II",
+        "d = 500: the steady response with NSH is more than two times smaller.",
+        lambda m: [2.0 * swing(m, "nsh", 500) < swing(m, "plain", 500)],
+        lambda m: f"steady swing {swing(m, 'nsh', 500):.2f} m with, {swing(m, 'plain', 500):.2f} m without",
+    ),
+    Claim(
+        "II", "d = 50: n5 moves farther with NSH.", lambda m: _compare(m, ("nsh", 50), ("plain", 50)), lambda m: _both(m, 50)
+    ),
+    Claim(
+        "II",
+        "d = 5000: n5 moves farther without NSH.",
+        lambda m: _compare(m, ("plain", 5000), ("nsh", 5000)),
+        lambda m: _both(m, 5000),
+    ),
+    Claim(
+        "II",
+        "n5 moves farther at d = 50 than at d = 500.",
+        lambda m: [c for kind in ("nsh", "plain") for c in _compare(m, (kind, 50), (kind, 500))],
+        lambda m: (
+            "50 and 500, with: "
+            + _moves(m, ("nsh", 50), ("nsh", 500))
+            + "; without: "
+            + _moves(m, ("plain", 50), ("plain", 500))
+        ),
+    ),
+    Claim(
+        "II",
+        "n5 moves much less at d = 5000 than at d = 500.",
+        lambda m: [c for kind in ("nsh", "plain") for c in _compare(m, (kind, 500), (kind, 5000), MUCH)],
+        lambda m: (
+            "5000 and 500, with: "
+            + _moves(m, ("nsh", 5000), ("nsh", 500))
+            + "; without: "
+            + _moves(m, ("plain", 5000), ("plain", 500))
+        ),
+    ),
+    Claim(
+        "II",
+        "At high damping the response is periodic after the first period.",
+        lambda m: [x <= TRANSIENT for x in _away(m, 5000, 2).values()],
+        lambda m: (
+            "d = 5000, second period: "
+            + _shown_away(_away(m, 5000, 2))
+            + "; with NSH all periods but the last: "
+            + ", ".join(f"{100 * x:.0f}" for x in m["nsh/5000"]["away"])
+            + " %"
+        ),
+    ),
+    Claim(
+        "II",
+        "At low damping transients last into the fourth period.",
+        lambda m: [x > TRANSIENT for x in _away(m, 50, 4).values()],
+        lambda m: "d = 50, fourth period: " + _shown_away(_away(m, 50, 4)),
+    ),
+    Claim(
+        "II",
+        "d = 500: elastic forces of n1-n4 are much smaller with NSH.",
+        lambda m: [with_nsh <= MUCH * without for with_nsh, without in (forces(m, "force_peak"), forces(m, "force_mean"))],
+        lambda m: (
+            "with and without: peak {:.0f} and {:.0f} N".format(*forces(m, "force_peak"))
+            + ", mean {:.0f} and {:.0f} N".format(*forces(m, "force_mean"))
+        ),
+        note="Under 400 N the NSH bottoms out, and its string's own stiffness carries the peaks.",
+    ),
+    Claim(
+        "II",
+        "d = 500: bars carry less with NSH.",
+        lambda m: [forces(m, "bar_mean")[0] < forces(m, "bar_mean")[1]],
+        lambda m: "mean over bars and time, with dampers: {:.0f} and {:.0f} N".format(*forces(m, "bar_mean")),
+    ),
+    Claim(
+        "II",
+        "d = 500: the NSH's snaps show in the string's force.",
+        lambda m: [m["nsh/500"]["snaps"] > 0],
+        lambda m: f"{m['nsh/500']['snaps']} beams of n1-n4 snap in 5 s",
+    ),
+    Claim(
+        "II",
+        "NSH increase the absorption of energy (section V).",
+        lambda m: [m[f"nsh/{d}"]["dissipated"] > m[f"plain/{d}"]["dissipated"] for d in (50, 500, 5000)],
+        lambda m: (
+            "dissipated in 10 s, with and without: "
+            + "; ".join(
+                f"{m[f'nsh/{d}']['dissipated'] / 1e3:.1f} and {m[f'plain/{d}']['dissipated'] / 1e3:.1f} kJ at d = {d}"
+                for d in (50, 500, 5000)
+            )
+        ),
+    ),
+)
 
 # --- III ---------------------------------------------------------------------------------------------------------
 
@@ -298,55 +392,88 @@ def _difference(m: dict, name: str) -> float:
 
 
 THIRD = (
-    Claim("III", "Two-bar: the coordinates change more with NSH.", lambda m: [_larger(m, "two_bar")],
-          lambda m: "swing with NSH against without, by axis: " + _swings(m, "two_bar")),
-    Claim("III", "Three-bar and six-bar: this cannot be said.",
-          lambda m: [not _larger(m, name) for name in ("three_bar", "six_bar")],
-          lambda m: each(lambda n: _swings(m, n), ("three_bar", "six_bar"))),
-    Claim("III", "The pattern is cyclic, but nonlinear.",
-          lambda m: [c for name in m for c in (m[name]["away"] <= 0.1, m[name]["harmonics"] > NONLINEAR)],
-          lambda m: f"last period off the one before by up to {100 * max(x['away'] for x in m.values()):.1f} % of the way; "
-          f"higher harmonics hold {100 * min(x['harmonics'] for x in m.values()):.1f} to "
-          f"{100 * max(x['harmonics'] for x in m.values()):.1f} % of the power"),
-    Claim("III", "Six-bar: there are oscillations.",
-          lambda m: [max(m[name]["turns"]) > 2 for name in ("six_bar", "six_bar_nsh")],
-          lambda m: "turns of a coordinate per period, at most, with NSH: " + each(lambda n: str(max(m[nsh(n)]["turns"])))),
-    Claim("III", "Displacements are largest in the three-bar system.",
-          lambda m: [m["three_bar" + k]["way"] > m[other + k]["way"] for k in ("", "_nsh") for other in ("two_bar", "six_bar")],
-          lambda m: "largest way with NSH: " + each(lambda n: f"{m[nsh(n)]['way']:.3f} m")),
-    Claim("III", "NSH make the most difference in the two-bar system.",
-          lambda m: [_difference(m, "two_bar") > _difference(m, other) for other in ("three_bar", "six_bar")],
-          lambda m: "largest distance of the paths, of the way without: " + each(lambda n: f"{100 * _difference(m, n):.0f} %")),
-)  # fmt: skip
+    Claim(
+        "III",
+        "Two-bar: the coordinates change more with NSH.",
+        lambda m: [_larger(m, "two_bar")],
+        lambda m: "swing with NSH against without, by axis: " + _swings(m, "two_bar"),
+    ),
+    Claim(
+        "III",
+        "Three-bar and six-bar: this cannot be said.",
+        lambda m: [not _larger(m, name) for name in ("three_bar", "six_bar")],
+        lambda m: each(lambda n: _swings(m, n), ("three_bar", "six_bar")),
+    ),
+    Claim(
+        "III",
+        "The pattern is cyclic, but nonlinear.",
+        lambda m: [c for name in m for c in (m[name]["away"] <= 0.1, m[name]["harmonics"] > NONLINEAR)],
+        lambda m: (
+            f"last period off the one before by up to {100 * max(x['away'] for x in m.values()):.1f} % of the way; "
+            f"higher harmonics hold {100 * min(x['harmonics'] for x in m.values()):.1f} to "
+            f"{100 * max(x['harmonics'] for x in m.values()):.1f} % of the power"
+        ),
+    ),
+    Claim(
+        "III",
+        "Six-bar: there are oscillations.",
+        lambda m: [max(m[name]["turns"]) > 2 for name in ("six_bar", "six_bar_nsh")],
+        lambda m: "turns of a coordinate per period, at most, with NSH: " + each(lambda n: str(max(m[nsh(n)]["turns"]))),
+    ),
+    Claim(
+        "III",
+        "Displacements are largest in the three-bar system.",
+        lambda m: [m["three_bar" + k]["way"] > m[other + k]["way"] for k in ("", "_nsh") for other in ("two_bar", "six_bar")],
+        lambda m: "largest way with NSH: " + each(lambda n: f"{m[nsh(n)]['way']:.3f} m"),
+    ),
+    Claim(
+        "III",
+        "NSH make the most difference in the two-bar system.",
+        lambda m: [_difference(m, "two_bar") > _difference(m, other) for other in ("three_bar", "six_bar")],
+        lambda m: "largest distance of the paths, of the way without: " + each(lambda n: f"{100 * _difference(m, n):.0f} %"),
+    ),
+)
 
 # --- IV ----------------------------------------------------------------------------------------------------------
 
 
-
 def _by_period(m: dict) -> str:
     """'in the first period 8.1 and 2.0 J, in the later ones 3.0 and 2.0 J on average (with NSH ...)'."""
-    first, later = ([f"{x:.2f}" for x in (pick(m[kind]["periods"]) for kind in ("nsh", "plain"))] for pick in (
-        lambda periods: periods[0], lambda periods: sum(periods[1:]) / len(periods[1:])))
+    first, later = (
+        [f"{x:.2f}" for x in (pick(m[kind]["periods"]) for kind in ("nsh", "plain"))]
+        for pick in (lambda periods: periods[0], lambda periods: sum(periods[1:]) / len(periods[1:]))
+    )
     each_later = ", ".join(f"{x:.2f}" for x in m["nsh"]["periods"][1:])
-    return (f"in the first period {' and '.join(first)} J, in the later ones {' and '.join(later)} J on average "
-            f"(with NSH {each_later} J)")  # fmt: skip
+    return (
+        f"in the first period {' and '.join(first)} J, in the later ones {' and '.join(later)} J on average "
+        f"(with NSH {each_later} J)"
+    )
 
 
 FOURTH = (
-    Claim("IV", "More energy is absorbed with NSH.",
-          lambda m: [m["nsh"]["absorbed"] > m["plain"]["absorbed"], m["nsh"]["periods"][0] > m["plain"]["periods"][0]],
-          lambda m: f"{m['nsh']['absorbed']:.1f} J with, {m['plain']['absorbed']:.1f} J without in 4 s; " + _by_period(m)
-          + f"; the mass ends at {1e3 * m['nsh']['end']:.1f} and {1e3 * m['plain']['end']:.1f} mm, with "
-          f"{m['nsh']['stored']:.2f} and {m['plain']['stored']:.2f} J stored",
-          note="The work of a constant force is force times way, and the softer spring goes farther: that decides the first "
-          "period, the only one that starts from rest. While there is no force the NSH does not come back, and what it still "
-          "holds is not dissipated."),
-    Claim("IV", "Figure 10's axis of power ends at 10 (W).",
-          lambda m: [7.0 < max(m["nsh"]["power"], m["plain"]["power"]) <= 10.0],
-          lambda m: f"largest power {m['nsh']['power']:.1f} W with, {m['plain']['power']:.1f} W without",
-          note="The label is read from the article's text, the curve was not at hand. An overdamped system's power is about "
-          "F\u00b2/d at most."),
-)  # fmt: skip
+    Claim(
+        "IV",
+        "More energy is absorbed with NSH.",
+        lambda m: [m["nsh"]["absorbed"] > m["plain"]["absorbed"], m["nsh"]["periods"][0] > m["plain"]["periods"][0]],
+        lambda m: (
+            f"{m['nsh']['absorbed']:.1f} J with, {m['plain']['absorbed']:.1f} J without in 4 s; "
+            + _by_period(m)
+            + f"; the mass ends at {1e3 * m['nsh']['end']:.1f} and {1e3 * m['plain']['end']:.1f} mm, with "
+            f"{m['nsh']['stored']:.2f} and {m['plain']['stored']:.2f} J stored"
+        ),
+        note="The work of a constant force is force times way, and the softer spring goes farther: that decides the first "
+        "period, the only one that starts from rest. While there is no force the NSH does not come back, and what it still "
+        "holds is not dissipated.",
+    ),
+    Claim(
+        "IV",
+        "Figure 10's axis of power ends at 10 (W).",
+        lambda m: [7.0 < max(m["nsh"]["power"], m["plain"]["power"]) <= 10.0],
+        lambda m: f"largest power {m['nsh']['power']:.1f} W with, {m['plain']['power']:.1f} W without",
+        note="The label is read from the article's text, the curve was not at hand. An overdamped system's power is about "
+        "F\u00b2/d at most.",
+    ),
+)
 
 CLAIMS = (*STATICS, *FIRST, *SECOND, *THIRD, *FOURTH)
 NUMBERED = dict(enumerate(CLAIMS, 1))

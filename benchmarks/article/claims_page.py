@@ -157,7 +157,9 @@ def oscillator_table(data: dict) -> str:
     rows = []
     for variant in VARIANTS["IV"]:
         m = data["IV"][variant.key]
-        values = [(m[kind]["power"], m[kind]["periods"][0], m[kind]["absorbed"], m[kind]["stored"]) for kind in ("nsh", "plain")]
+        values = [
+            (m[kind]["power"], m[kind]["periods"][0], m[kind]["absorbed"], m[kind]["stored"]) for kind in ("nsh", "plain")
+        ]
         rows.append([variant.about, *(f"{one:.2f}, {other:.2f}" for one, other in zip(*values))])
     head = ["with, without NSH", "largest power, W", "absorbed in 1 s, J", "absorbed in 4 s, J", "of it stored at the end, J"]
     return table(head, rows)
@@ -172,7 +174,7 @@ def wave_text(data: dict) -> str:
     """What moves n5."""
     rise = data["rise"]
     return f"""Forces of this size throw the three-bar system between two shapes: without load it stands at
-{rise['start']:.3f} m, and {rise['lift']:.1f} N on each top node are enough to lift it by {rise['gap']:.2f} m into the other.
+{rise["start"]:.3f} m, and {rise["lift"]:.1f} N on each top node are enough to lift it by {rise["gap"]:.2f} m into the other.
 n5's displacement is mostly this change of shape, with NSH and without. The choices of the first figure in numbers:"""
 
 
@@ -186,8 +188,10 @@ def repeats_text(data: dict) -> str:
             others.append(f"{case} it does not within {len(found['off'])} periods.")
         elif periods > 1:
             before, there = (f"{100 * found['off'][i]:.1f} % of the swing" for i in (0, periods - 1))
-            others.append(f"{case} it comes back after {periods} periods of the wave: it is {before} off what it was one period "
-                          f"before, and {there} off what it was {periods} periods before.")  # fmt: skip
+            others.append(
+                f"{case} it comes back after {periods} periods of the wave: it is {before} off what it was one period "
+                f"before, and {there} off what it was {periods} periods before."
+            )
     where = "but for what follows" if others else "in every case"
     return " ".join([f"After {REPEATED_SECONDS:.0f} s n5's motion comes back with each period of the wave, {where}.", *others])
 
@@ -206,8 +210,8 @@ def sweep_text(data: dict) -> str:
     heavy = [str(n) for n, c in scanned("II").items() if c.verdict(data) == NO and c.verdict(data, "d_times_10") == YES]
     return f"""n5's steady swing at d = 500 with NSH is {min(ratios):.2f} to {max(ratios):.2f} times that without, over all
 {len(ratios)} choices; {halved}. Damping changes most: of the dampings below, the swing is smaller with NSH at d =
-{', '.join(less)} N s/m, and the peak force of n1-n4 at most half as large at d = {', '.join(weak)} N s/m. With every d ten
-times as large, these claims come out that are not reproduced: {', '.join(heavy) or 'none'}."""
+{", ".join(less)} N s/m, and the peak force of n1-n4 at most half as large at d = {", ".join(weak)} N s/m. With every d ten
+times as large, these claims come out that are not reproduced: {", ".join(heavy) or "none"}."""
 
 
 WORDS = f"""'Almost linear': within {100 * rules.LINEAR:.0f} % of the range. 'Just above': by up to

@@ -146,23 +146,36 @@ def states(case: Case) -> list[dict]:
         run, nodes = waited(case, load), case.up.equations.nodes(sudden.point.free)
         slowest = modes(case.loading.model_at(load, nodes), load * case.lift)[0]
         known = [p for p in sudden_loads.states_at(paths, load) if p.stable]
-        rows.append({
-            "load": load,
-            "height_slow": height(case, up), "height_back": height(case, down), "height_sudden": height(case, nodes),
-            "height_50": height(case, run["nodes_50"]), "height_rest": height(case, run["nodes"]),
-            "difference_50": float(np.abs(nodes - run["nodes_50"])[case.top, 2].max()),
-            "difference_rest": float(np.abs(nodes - run["nodes"])[case.top, 2].max()),
-            "slow_apart": float(np.abs(nodes - up).max()), "back_apart": float(np.abs(nodes - down).max()),
-            "speed_50": run["speed"], "rest_time": run["time"], "rest_speed": run["last_speed"],
-            "decided": sudden.time, "why": sudden.why, "stable_known": len(known),
-            "snapped_solved": snapped(case, sudden.point), "snapped_run": run["snapped"],
-            "frequency": slowest.frequency, "decay_rate": slowest.decay_rate,
-        })  # fmt: skip
+        rows.append(
+            {
+                "load": load,
+                "height_slow": height(case, up),
+                "height_back": height(case, down),
+                "height_sudden": height(case, nodes),
+                "height_50": height(case, run["nodes_50"]),
+                "height_rest": height(case, run["nodes"]),
+                "difference_50": float(np.abs(nodes - run["nodes_50"])[case.top, 2].max()),
+                "difference_rest": float(np.abs(nodes - run["nodes"])[case.top, 2].max()),
+                "slow_apart": float(np.abs(nodes - up).max()),
+                "back_apart": float(np.abs(nodes - down).max()),
+                "speed_50": run["speed"],
+                "rest_time": run["time"],
+                "rest_speed": run["last_speed"],
+                "decided": sudden.time,
+                "why": sudden.why,
+                "stable_known": len(known),
+                "snapped_solved": snapped(case, sudden.point),
+                "snapped_run": run["snapped"],
+                "frequency": slowest.frequency,
+                "decay_rate": slowest.decay_rate,
+            }
+        )
     return rows
 
 
 def lines(case: Case, rows: list[dict]) -> dict:
     """What the figure draws: top nodes' mean height over load along stable stretches and unstable branches."""
+
     def drawn(paths):
         found = []
         for path in paths:
@@ -171,16 +184,19 @@ def lines(case: Case, rows: list[dict]) -> dict:
         return found
 
     jumps = {
-        name: [[j.parameter, *(height(case, sweep.equations.nodes(p.free)) for p in (j.before, j.after)), j.kind]
-               for j in sweep.jumps]
+        name: [
+            [j.parameter, *(height(case, sweep.equations.nodes(p.free)) for p in (j.before, j.after)), j.kind]
+            for j in sweep.jumps
+        ]
         for name, sweep in (("up", case.up), ("back", case.back))
-    }  # fmt: skip
+    }
     detours = [p for sweep in (case.up, case.back) for p in steady_states.detours(sweep, BEHIND)]
     apart = [i for i, row in enumerate(rows) if min(row["slow_apart"], row["back_apart"]) > SAME]
     elsewhere = [
         follow(case.loading, float(LOADS[i]), goal, case.up.equations.nodes(case.sudden[i].point.free), stop="unstable")
-        for i in apart for goal in (LOADS[0], LOADS[-1])
-    ]  # fmt: skip
+        for i in apart
+        for goal in (LOADS[0], LOADS[-1])
+    ]
     curves = {"up": case.up.stretches, "back": case.back.stretches, "unstable": detours, "elsewhere": elsewhere}
     return plain({name: drawn(paths) for name, paths in curves.items()}, 6) | {"jumps": jumps}
 
@@ -228,11 +244,21 @@ def collect(rounds: int) -> dict:
         }
         found[name] = {"seconds": seconds, "alike": alike, "states": rows, "lines": lines(case, rows)}
         print(f"{name}: sweep {1e3 * seconds['sweep']:.0f} ms, runs {1e3 * seconds['runs']:.0f} ms", file=sys.stderr)
-    return plain({
-        "machine": where, "rounds": rounds, "loads": LOADS, "duration": DURATION, "row": ROW, "tolerance": TOLERANCE,
-        "seconds": round(time.perf_counter() - began), "first_law": first, "landings": landings(LANDINGS),
-        "scenes": found,
-    }, 12)  # fmt: skip
+    return plain(
+        {
+            "machine": where,
+            "rounds": rounds,
+            "loads": LOADS,
+            "duration": DURATION,
+            "row": ROW,
+            "tolerance": TOLERANCE,
+            "seconds": round(time.perf_counter() - began),
+            "first_law": first,
+            "landings": landings(LANDINGS),
+            "scenes": found,
+        },
+        12,
+    )
 
 
 # --- showing -----------------------------------------------------------------------------------------------------------
@@ -280,15 +306,22 @@ def agreement_rows(scenes: dict) -> str:
         still = [row for row in rows if row["speed_50"] < AT_REST]
         moving = [row for row in rows if row["speed_50"] >= AT_REST]
         other = [row for row in rows if row["slow_apart"] > SAME]
-        body.append([
-            f"`{name}`",
-            f"{max(row['difference_50'] for row in still):.1e} ({len(still)} loads)",
-            f"{max(row['difference_rest'] for row in rows):.1e}",
-            ", ".join(f"{row['load']:g}" for row in moving) or "–",
-            ", ".join(f"{row['load']:g}" for row in other) or "–",
-        ])  # fmt: skip
-    heads = ["scene", "at rest after 50 s: largest difference, m", "all, once at rest: m",
-             "not at rest after 50 s, N", "a slow load stands elsewhere, N"]  # fmt: skip
+        body.append(
+            [
+                f"`{name}`",
+                f"{max(row['difference_50'] for row in still):.1e} ({len(still)} loads)",
+                f"{max(row['difference_rest'] for row in rows):.1e}",
+                ", ".join(f"{row['load']:g}" for row in moving) or "–",
+                ", ".join(f"{row['load']:g}" for row in other) or "–",
+            ]
+        )
+    heads = [
+        "scene",
+        "at rest after 50 s: largest difference, m",
+        "all, once at rest: m",
+        "not at rest after 50 s, N",
+        "a slow load stands elsewhere, N",
+    ]
     return table(heads, body)
 
 

@@ -135,13 +135,21 @@ def cells_table(data: dict) -> str:
     rows = [
         ["snaps there, m", shown(CLOSED["there"]), shown(of_way(loop, 1, "x"), ".6f"), shown(kernel[:there], ".6f")],
         ["snaps back, m", shown(CLOSED["back"]), shown(of_way(loop, -1, "x"), ".6f"), shown(kernel[there:], ".6f")],
-        ["force there, N", f"{before:g} to {after:.5f}", f"{shown(spread(loop, 1, 'before'))} to "
-         f"{shown(spread(loop, 1, 'after'), '.5f')}", ""],
-        ["loss of a snap, mJ", f"{1e3 * CLOSED['loss']:.5f}", shown(spread(loop, 0, "loss", 1e3), ".5f"),
-         shown(unique([1e3 * s["loss"] for s in run["snaps"]], ".5f"), ".5f")],
+        [
+            "force there, N",
+            f"{before:g} to {after:.5f}",
+            f"{shown(spread(loop, 1, 'before'))} to {shown(spread(loop, 1, 'after'), '.5f')}",
+            "",
+        ],
+        [
+            "loss of a snap, mJ",
+            f"{1e3 * CLOSED['loss']:.5f}",
+            shown(spread(loop, 0, "loss", 1e3), ".5f"),
+            shown(unique([1e3 * s["loss"] for s in run["snaps"]], ".5f"), ".5f"),
+        ],
         ["loss of a cycle, mJ", f"{1e3 * CLOSED['cycle']:.5f}", f"{1e3 * loop['loss']:.5f}", f"{1e3 * run['loss']:.5f}"],
         ["area of the loop, mJ", "", f"{1e3 * loop['area']:.5f}", f"{1e3 * (run['work'] - run['dampers']):.5f}"],
-    ]  # fmt: skip
+    ]
     return table(["three cells", "closed form", "exact law", "kernel"], rows)
 
 
@@ -159,11 +167,18 @@ def honeycomb_table(data: dict) -> str:
     loop, run = data["honeycomb"], data["honeycomb"]["machine"]
     rows = []
     for snap, found in zip(loop["snaps"], run["snaps"]):
-        rows.append([
-            "there" if snap["way"] > 0 else "back", " → ".join(regions(at) for at in snap["at"]),
-            f"{1e2 * snap['x']:.4f}", f"{1e2 * found['x']:.4f}", f"{snap['before']:.3f}", f"{snap['after']:.3f}",
-            f"{1e3 * snap['loss']:.3f}", f"{1e3 * found['loss']:.3f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                "there" if snap["way"] > 0 else "back",
+                " → ".join(regions(at) for at in snap["at"]),
+                f"{1e2 * snap['x']:.4f}",
+                f"{1e2 * found['x']:.4f}",
+                f"{snap['before']:.3f}",
+                f"{snap['after']:.3f}",
+                f"{1e3 * snap['loss']:.3f}",
+                f"{1e3 * found['loss']:.3f}",
+            ]
+        )
     head = ["", "beams 1 to 4 on", "elongation, cm", "kernel, cm", "force before, N", "after, N", "loss, mJ", "kernel, mJ"]
     return table(head, rows)
 
@@ -179,11 +194,11 @@ def honeycomb_text(data: dict) -> str:
     f_min = [nsh.beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams()]
     return f"""There are {ways[0]} snaps on the way there and {ways[1]} on the way back. On the way there beam 1 passes its
 region II without one, and the others snap from the middle of theirs. Towards a snap the force falls ever more steeply, as a
-square root: a sweep in steps of {1e6 * SWEEP_STEP:g} µm last sees {shown(loop['swept'], '.2f')} N before the three. On the
-way back the beam with the largest f_min (of {shown(f_min, '.1f')} N) is the first to return. What a beam gives free when it
-returns may throw another one over again, which has to return once more. A cycle loses {loop['loss']:.5f} J, and the loop's
-area is {loop['area']:.5f} J. The kernel's run dissipates {run['dissipated']:.5f} J, of which the snaps are {run['loss']:.5f}
-J and the damper of the testing machine {run['dampers']:.5f} J; its force is off the exact law by {run['off']:.0e} N at most."""
+square root: a sweep in steps of {1e6 * SWEEP_STEP:g} µm last sees {shown(loop["swept"], ".2f")} N before the three. On the
+way back the beam with the largest f_min (of {shown(f_min, ".1f")} N) is the first to return. What a beam gives free when it
+returns may throw another one over again, which has to return once more. A cycle loses {loop["loss"]:.5f} J, and the loop's
+area is {loop["area"]:.5f} J. The kernel's run dissipates {run["dissipated"]:.5f} J, of which the snaps are {run["loss"]:.5f}
+J and the damper of the testing machine {run["dampers"]:.5f} J; its force is off the exact law by {run["off"]:.0e} N at most."""
 
 
 def partial_table(data: dict) -> str:
@@ -203,13 +218,13 @@ def stiffness_text(data: dict, series: dict) -> str:
     risen = scan["stiffness"][1:][np.diff(scan["loss"]) > 0.0]
     but = f" (but for {shown(risen, '.0f')} N/m, where another snap joins the way back)" if len(risen) else ""
     return f"""The stiffer the string, the less is lost{but}. A beam alone has no snap, and its loop is closed, from k = Q (ζ
-− 2)/h on, its steepest fall: {shown(found['beams'], '.0f')} N/m for the four beams. In series the loop never closes, whatever
+− 2)/h on, its steepest fall: {shown(found["beams"], ".0f")} N/m for the four beams. In series the loop never closes, whatever
 k is: to a beam that falls the other beams are springs in series, as soft as they are. Beam 1 goes smoothly on the way there
-from k = {found['first']:.1f} N/m on, where 1/k + Σ 1/f'_j of the others on I is less than 1/|f'_1| all along its fall. From
-{scan['loss'][0]:.3f} J per cycle at {scan['stiffness'][0]:.0f} N/m the loss falls to {scan['loss'][middle]:.3f} J at
-{scan['stiffness'][middle]:.0f} N/m and {scan['loss'][-1]:.4f} J at {scan['stiffness'][-1]:.0e} N/m, and tends to
-{found['rigid']:.4f} J (computed at {RIGID:.0e} N/m). Over the {len(scan['stiffness'])} stiffnesses of the figure the loss
-that the kernel's curves give is off by {kernel['off']:.0e} of it at most{refused}."""
+from k = {found["first"]:.1f} N/m on, where 1/k + Σ 1/f'_j of the others on I is less than 1/|f'_1| all along its fall. From
+{scan["loss"][0]:.3f} J per cycle at {scan["stiffness"][0]:.0f} N/m the loss falls to {scan["loss"][middle]:.3f} J at
+{scan["stiffness"][middle]:.0f} N/m and {scan["loss"][-1]:.4f} J at {scan["stiffness"][-1]:.0e} N/m, and tends to
+{found["rigid"]:.4f} J (computed at {RIGID:.0e} N/m). Over the {len(scan["stiffness"])} stiffnesses of the figure the loss
+that the kernel's curves give is off by {kernel["off"]:.0e} of it at most{refused}."""
 
 
 def ledger_table(data: dict) -> str:
@@ -217,8 +232,18 @@ def ledger_table(data: dict) -> str:
     for case, one in data["ledger"].items():
         name, what = case.split("/")
         about = f"{SYSTEMS[name]}, " + (f"lift of {LEDGER_LIFT:g} N" if what == "lift" else f"square wave, d = {what} N s/m")
-        rows.append([about, f"{one['throughput']:.4g}", f"{one['dissipated']:.7g}", f"{one['dampers']:.7g}",
-                     f"{one['snaps']:.7g}", str(one["count"]), f"{one['gap']:.0e}", f"{one['closure']:.0e}"])  # fmt: skip
+        rows.append(
+            [
+                about,
+                f"{one['throughput']:.4g}",
+                f"{one['dissipated']:.7g}",
+                f"{one['dampers']:.7g}",
+                f"{one['snaps']:.7g}",
+                str(one["count"]),
+                f"{one['gap']:.0e}",
+                f"{one['closure']:.0e}",
+            ]
+        )
     head = ["", "throughput, J", "dissipated, J", "in dampers, J", "in snaps, J", "snaps", "gap", "ledger"]
     return table(head, rows)
 
@@ -231,9 +256,16 @@ def ramp_table(data: dict) -> str:
     for name, title in SYSTEMS.items():
         for law in LAWS:
             one = data["I"][name][law]["ramp"]
-            rows.append([f"{title}, {NAMES[law]}", shown(one["up"], "g"), shown(one["back"], "g"),
-                         f"{1e3 * one['apart']:.1f} at {one['apart_lift']:g} N", f"{one['snaps']:.3f}",
-                         f"{one['dampers']:.3f}"])  # fmt: skip
+            rows.append(
+                [
+                    f"{title}, {NAMES[law]}",
+                    shown(one["up"], "g"),
+                    shown(one["back"], "g"),
+                    f"{1e3 * one['apart']:.1f} at {one['apart_lift']:g} N",
+                    f"{one['snaps']:.3f}",
+                    f"{one['dampers']:.3f}",
+                ]
+            )
     head = ["", "beams pass f_max at, N", "and return at, N", "heights apart, mm", "lost in snaps, J", "in dampers, J"]
     return table(head, rows)
 
@@ -248,7 +280,7 @@ def first_text(data: dict) -> str:
     lowest = min(nsh.beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams())
     three, loop = data["I"]["three_bar"]["memory"]["ramp"], data["honeycomb"]["loss"]
     return f"""*Sudden lifts*, {LIFTS[0]} to {LIFTS[-1]} N in runs of 50 s as in experiment I: under both laws the heights lie
-within {apart} of each other, and the beams pass their maxima between {'the same' if same else 'other'} lifts. At {differ} of
+within {apart} of each other, and the beams pass their maxima between {"the same" if same else "other"} lifts. At {differ} of
 {len(SYSTEMS) * len(LIFTS)} lifts they differ by more than {1e3 * APART:g} mm. {where} a string without memory rests on the
 curve of a beam that has not yet come to bear f_max again, where Algorithm 1 holds the other beams; with memory they give way.
 Elsewhere all beams stand on the same rising branches.
@@ -258,7 +290,7 @@ hysteresis under both laws, since they jump from one equilibrium to another. Wit
 lifts. Without it the way back is the way there: the beam that snapped last, with the lowest f_min of {lowest:.1f} N, has to
 return first, and in the two-bar and the three-bar system the others then follow at once; with memory each returns for itself.
 A part of the energy of the jumps is lost inside the strings. In a cycle each string loses what its loop has: in the three-bar
-system {three['snaps']:.5f} J, which is {three['snaps'] / loop:.5f} times the {loop:.5f} J above."""
+system {three["snaps"]:.5f} J, which is {three["snaps"] / loop:.5f} times the {loop:.5f} J above."""
 
 
 def wave_table(data: dict) -> str:
@@ -267,9 +299,17 @@ def wave_table(data: dict) -> str:
         for law in LAWS:
             one = data["II"][law][f"{d:g}"]
             snaps, dampers = one["in_snaps"], one["in_dampers"]
-            rows.append([f"d = {d:g} N s/m, {NAMES[law]}", f"{one['way']:.3f}", f"{one['force_peak']:.1f}",
-                         f"{one['force_mean']:.1f}", str(one["snaps"]), f"{snaps[0]:.3f}, {np.mean(snaps[1:]):.3f}",
-                         f"{dampers[0]:.1f}, {np.mean(dampers[1:]):.1f}"])  # fmt: skip
+            rows.append(
+                [
+                    f"d = {d:g} N s/m, {NAMES[law]}",
+                    f"{one['way']:.3f}",
+                    f"{one['force_peak']:.1f}",
+                    f"{one['force_mean']:.1f}",
+                    str(one["snaps"]),
+                    f"{snaps[0]:.3f}, {np.mean(snaps[1:]):.3f}",
+                    f"{dampers[0]:.1f}, {np.mean(dampers[1:]):.1f}",
+                ]
+            )
     head = ["", "way of n5, m", "peak of n1-n4, N", "mean, N", "snaps in 5 s", "J per second in snaps", "in dampers"]
     return table(head, rows)
 
@@ -282,8 +322,8 @@ def wave_text(data: dict) -> str:
         apart.append(f"{1e3 * one['apart']:.1f}")
     dampings = shown(sorted(DAMPINGS), "g")
     return f"""The three-bar system under ±400 N at n4, 5 s. Per second: first that of the first second, then the mean of the
-others. At d = {dampings} N s/m snaps are {', '.join(shares)} of what is dissipated: against the square wave's energy the
-NSH's loops are small. n5's paths under the two laws are apart by {', '.join(apart)} mm at most."""
+others. At d = {dampings} N s/m snaps are {", ".join(shares)} of what is dissipated: against the square wave's energy the
+NSH's loops are small. n5's paths under the two laws are apart by {", ".join(apart)} mm at most."""
 
 
 def claims_table(data: dict) -> str:
@@ -300,13 +340,16 @@ def claims_text(data: dict) -> str:
     changed = [int(n) for n, laws in data["claims"].items() if laws["series"]["verdict"] != laws["memory"]["verdict"]]
     softer = [int(n) for n, laws in data["claims"].items() if laws["base"]["verdict"] != laws["series"]["verdict"]]
     rank = {"no": 0, "partly": 1, "yes": 2}
-    gained = [str(n) for n in changed if rank[data["claims"][str(n)]["memory"]["verdict"]]
-              > rank[data["claims"][str(n)]["series"]["verdict"]]]  # fmt: skip
+    gained = [
+        str(n)
+        for n in changed
+        if rank[data["claims"][str(n)]["memory"]["verdict"]] > rank[data["claims"][str(n)]["series"]["verdict"]]
+    ]
     total, listed = len(data["claims"]), ", ".join(map(str, changed)) or "none"
     better = f"Towards yes it turns {', '.join(gained)}." if gained else "It turns none towards yes."
     return f"""Of the {total} claims on experiments I to III that [claims.md](claims.md) judges, memory changes the verdict of
 these, the own stiffness being in series either way: {listed}. {better} The stiffness in series by itself changes:
-{', '.join(map(str, softer)) or 'none'}."""
+{", ".join(map(str, softer)) or "none"}."""
 
 
 # --- measuring ---------------------------------------------------------------------------------------------------
@@ -395,7 +438,7 @@ def report(data: dict, series: dict) -> str:
         + ", ".join(f"[{name}](figures/memory_{name}.csv)" for name in series)
         + ". Written by `python -m benchmarks.article.memory`; `--redraw` writes page and figures again from those files; each "
         "PNG has an SVG beside it.",
-    ]  # fmt: skip
+    ]
     return "\n\n".join(filled(block) for block in blocks) + "\n"
 
 

@@ -23,8 +23,13 @@ from tensegrity_core.model.elements import Beam, Series, Spring, Table
 #: Test 1: a cell of 100 N/m up to 1 N at .01 m, down to .4 N at .02 m, then 100 N/m again; three of them, k_s in N/m.
 CELL, CELL_STIFFNESS, CELL_REACH = Table((0.0, 0.01, 0.02, 0.03), (0.0, 1.0, 0.4, 1.4)), 200.0, 0.08
 #: Its closed form: elongations of the snaps there and back (m), forces before and after one (N), J per snap and per cycle.
-CLOSED = {"there": (0.035, 0.051, 0.067), "back": (0.062, 0.046, 0.030), "force": (1.0, 0.4 + 1.0 / 7.0),
-          "loss": 8e-3 / 7.0, "cycle": 48e-3 / 7.0}  # fmt: skip
+CLOSED = {
+    "there": (0.035, 0.051, 0.067),
+    "back": (0.062, 0.046, 0.030),
+    "force": (1.0, 0.4 + 1.0 / 7.0),
+    "loss": 8e-3 / 7.0,
+    "cycle": 48e-3 / 7.0,
+}
 #: Test 2: the string's own stiffness, N/m; how far it is pulled, m; steps of a sweep, m; turning points of partial loops, m.
 STIFFNESS, REACH, SWEEP_STEP = 5000.0, 0.10, 25e-6
 PARTIAL = ((0.045, 0.0), (0.070, 0.0), (0.100, 0.052, 0.100, 0.0))
@@ -102,11 +107,27 @@ def machine(element: Series, k: float, damping: float = MACHINE_DAMPING) -> Mode
     """A string of this element between a wall and a node that is moved, and a pendulum, since a scene needs a bar."""
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.5]])
     return Model(
-        name="machine", description="a string is pulled", axes=(0, 2), node_names=("wall", "grip", "pivot", "bob"),
-        bar_names=("pendulum",), string_names=("sample",), nodes=nodes, fixed=np.array([True, True, True, False]),
-        bars=[[2, 3]], bar_mass=[1.0], strings=[[0, 1]], stiffness=[k], damping=[damping], rest_length=[1.0], nsh=(None,),
-        element=(element,), damping_law="literal", gravity=9.81, nominal=nodes, moving=(1,),
-    )  # fmt: skip
+        name="machine",
+        description="a string is pulled",
+        axes=(0, 2),
+        node_names=("wall", "grip", "pivot", "bob"),
+        bar_names=("pendulum",),
+        string_names=("sample",),
+        nodes=nodes,
+        fixed=np.array([True, True, True, False]),
+        bars=[[2, 3]],
+        bar_mass=[1.0],
+        strings=[[0, 1]],
+        stiffness=[k],
+        damping=[damping],
+        rest_length=[1.0],
+        nsh=(None,),
+        element=(element,),
+        damping_law="literal",
+        gravity=9.81,
+        nominal=nodes,
+        moving=(1,),
+    )
 
 
 def pulled(model: Model, reach: float, samples: int) -> tuple[np.ndarray, Result]:

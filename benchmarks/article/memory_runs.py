@@ -223,8 +223,9 @@ def judged() -> dict:
     chosen = {"base": BASE, **LAWS}
     data = {e: {key: measures.MEASURES[e](v) for key, v in chosen.items()} for e in ("I", "II", "III")}
     data["statics"] = measures.measure_statics()
-    located = {key: {name: measures.located_snaps(v.model(f"{name}_nsh")) for name in experiments.SYSTEMS}
-               for key, v in chosen.items()}  # fmt: skip
+    located = {
+        key: {name: measures.located_snaps(v.model(f"{name}_nsh")) for name in experiments.SYSTEMS} for key, v in chosen.items()
+    }
     found: dict = {}
     for number, claim in NUMBERED.items():
         if claim.experiment in data and claim.experiment != "statics":

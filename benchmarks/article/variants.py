@@ -183,11 +183,15 @@ DAMPERS = (
     Variant("undamped", "NSH strings without damper", at_nsh_strings("damping", value=0.0)),
 )
 PRESTRESS = (
-    *(Variant(f"top_{t:g}", f"two-bar: {t:g} N in the top string", scale=top_tension(t))
-      for t in (6.0, 15.0, 20.0, 30.0, 40.0)),
-    *(Variant(f"level_{f:g}".replace(".", "_"), f"six-bar: {f:g} times the prestress", scale=level(f))
-      for f in (0.1, 0.25, 0.5, 1.5, 2.0, 3.0)),
-)  # fmt: skip
+    *(
+        Variant(f"top_{t:g}", f"two-bar: {t:g} N in the top string", scale=top_tension(t))
+        for t in (6.0, 15.0, 20.0, 30.0, 40.0)
+    ),
+    *(
+        Variant(f"level_{f:g}".replace(".", "_"), f"six-bar: {f:g} times the prestress", scale=level(f))
+        for f in (0.1, 0.25, 0.5, 1.5, 2.0, 3.0)
+    ),
+)
 PHASES = (
     Variant("down", "the wave starts with -400 N", phase=0.5),
     Variant("quarter", "the wave starts in the middle of its +400 N", phase=0.25),
@@ -200,9 +204,12 @@ GRAVITY = (
 OTHER = (
     Variant("beside", "NSH in parallel with the string, not in its place", beside),
     Variant("inertia", "J = m l²/12 in M, as printed", printed_inertia),
-    Variant("hold_tension_only", "48 N beyond 9 cm, and dampers never push",
-            all_of(at_nsh_strings("stiffness", value=0.0), tension_only)),
-)  # fmt: skip
+    Variant(
+        "hold_tension_only",
+        "48 N beyond 9 cm, and dampers never push",
+        all_of(at_nsh_strings("stiffness", value=0.0), tension_only),
+    ),
+)
 TIGHTER = (
     Variant("tight_vertical", "vertical strings 10 cm shorter, settled", shortened(0.1, top=False)),
     Variant("tight_top", "top strings 20 cm shorter, settled", shortened(0.2, top=True)),

@@ -57,7 +57,12 @@ def describe() -> dict[str, str]:
 
 
 def write_page(
-    about: str, name: str, rounds: int, collect: Callable[[int], dict], report: Callable[[dict], str], arguments: list[str] | None
+    about: str,
+    name: str,
+    rounds: int,
+    collect: Callable[[int], dict],
+    report: Callable[[dict], str],
+    arguments: list[str] | None,
 ) -> None:
     """The command of a benchmark with one page: measures, or reads what was measured, and writes docs/NAME.json and its page.
 

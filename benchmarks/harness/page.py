@@ -42,10 +42,20 @@ are measured; what a line is, its panel says. Durations are processor time.
 #: Colours of the figures, and the marker's and the line's width in points.
 COLOURS = ("#22252e", "#d1495b", "#1b9aaa", "#edae49", "#6b705c", "#7768ae")
 STYLE = {
-    "svg.fonttype": "none", "svg.hashsalt": "stability", "font.size": 8.5, "axes.titlesize": 9.5, "axes.grid": True,
-    "grid.color": "#e6e4de", "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.fontsize": 7, "legend.framealpha": 0.85,
-    "lines.linewidth": 1.2, "lines.markersize": 3.5, "axes.titlelocation": "left",
-}  # fmt: skip
+    "svg.fonttype": "none",
+    "svg.hashsalt": "stability",
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.grid": True,
+    "grid.color": "#e6e4de",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.fontsize": 7,
+    "legend.framealpha": 0.85,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "axes.titlelocation": "left",
+}
 
 
 def new_figure(width: float, height: float) -> Figure:

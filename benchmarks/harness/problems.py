@@ -91,12 +91,26 @@ def prism(prestress: float, spin: np.ndarray, drift: np.ndarray, breathing: floa
     strung = np.linalg.norm(nodes[strings[:, 1]] - nodes[strings[:, 0]], axis=1)
     density = np.where(np.arange(9) < 6, 1.0 / np.sqrt(3.0), 1.0) * prestress / strung[6]
     return Model(
-        name="prism", description="a free three-bar prism", axes=(0, 1, 2), node_names=tuple(f"n{i}" for i in range(1, 7)),
-        bar_names=("b1", "b2", "b3"), string_names=tuple(f"s{i}" for i in range(1, 10)), nodes=nodes,
-        fixed=np.zeros(6, bool), bars=bars, bar_mass=np.ones(3), strings=strings, stiffness=np.full(9, stiffness),
-        damping=np.zeros(9), rest_length=strung * (1.0 - density / stiffness), nsh=(None,) * 9, damping_law="literal",
-        gravity=0.0, nominal=nodes, velocity=_bar_velocities(nodes, bars, spin, drift, breathing),
-    )  # fmt: skip
+        name="prism",
+        description="a free three-bar prism",
+        axes=(0, 1, 2),
+        node_names=tuple(f"n{i}" for i in range(1, 7)),
+        bar_names=("b1", "b2", "b3"),
+        string_names=tuple(f"s{i}" for i in range(1, 10)),
+        nodes=nodes,
+        fixed=np.zeros(6, bool),
+        bars=bars,
+        bar_mass=np.ones(3),
+        strings=strings,
+        stiffness=np.full(9, stiffness),
+        damping=np.zeros(9),
+        rest_length=strung * (1.0 - density / stiffness),
+        nsh=(None,) * 9,
+        damping_law="literal",
+        gravity=0.0,
+        nominal=nodes,
+        velocity=_bar_velocities(nodes, bars, spin, drift, breathing),
+    )
 
 
 def _bar_velocities(nodes, bars, spin, drift, breathing) -> np.ndarray:

@@ -61,7 +61,9 @@ def inputs(model: Model) -> Inputs:
 def expected(model: Model) -> np.ndarray:
     """(K+1, N, 3) positions, m, of the reference under the same held inputs; kept like all reference runs."""
     moved = inputs(model)
-    return cached(CACHE, reference_key(model, moved, SETTINGS), lambda: reference.simulate(model, moved, **SETTINGS))[0].position
+    return cached(CACHE, reference_key(model, moved, SETTINGS), lambda: reference.simulate(model, moved, **SETTINGS))[
+        0
+    ].position
 
 
 def plain_kernel(model: Model) -> np.ndarray:

@@ -34,9 +34,9 @@ typedef struct {
     void (*release)(void **memory);
 } family;
 
-#define FAMILY(X)                                                                                                         \
-    {X##Evolve, X##Reset, X##GetRootInfo, X##GetNumSteps, X##GetNumErrTestFails, X##SetUserData, X##SStolerances,         \
-     X##SetMaxNumSteps, X##RootInit, X##SetRootDirection, X##SetNoInactiveRootWarn, X##Free}
+#define FAMILY(X)                                                                                                       \
+    {X##Evolve,       X##Reset,          X##GetRootInfo, X##GetNumSteps,      X##GetNumErrTestFails,    X##SetUserData, \
+     X##SStolerances, X##SetMaxNumSteps, X##RootInit,    X##SetRootDirection, X##SetNoInactiveRootWarn, X##Free}
 
 static const family erk = FAMILY(ERKStep), dirk = FAMILY(ARKStep);
 
@@ -139,10 +139,7 @@ static void release(void *self)
     free(s);
 }
 
-static void set_start(solver *s)
-{
-    memcpy(N_VGetArrayPointer(s->x), s->p->start, sizeof(double) * (size_t)s->p->n);
-}
+static void set_start(solver *s) { memcpy(N_VGetArrayPointer(s->x), s->p->start, sizeof(double) * (size_t)s->p->n); }
 
 /* method: erk_ or dirk_, and the name of ARKODE's Butcher table or an order */
 static void *make(peer *p, const char *method, double tolerance)

@@ -48,10 +48,7 @@ static void set_up_roots(solver *s)
     free(outward);
 }
 
-static void set_start(solver *s)
-{
-    memcpy(N_VGetArrayPointer(s->x), s->p->start, sizeof(double) * (size_t)s->p->n);
-}
+static void set_start(solver *s) { memcpy(N_VGetArrayPointer(s->x), s->p->start, sizeof(double) * (size_t)s->p->n); }
 
 static void *make(peer *p, const char *method, double tolerance)
 {

@@ -23,7 +23,7 @@
 static const peer_solver *const solvers[] = {
     &peer_kernel, &peer_alone,
 #ifdef WITH_SUNDIALS
-    &peer_cvode, &peer_erk, &peer_dirk,
+    &peer_cvode,  &peer_erk,   &peer_dirk,
 #endif
 };
 
@@ -54,8 +54,7 @@ static void print_state(peer *p, const double *x, const char *after)
     free(position);
 }
 
-static void print_result(peer *p, int status, const char *reason, const double *seconds, int repetitions,
-                         const double *rows)
+static void print_result(peer *p, int status, const char *reason, const double *seconds, int repetitions, const double *rows)
 {
     const peer_counts *c = &p->counts;
     printf("{\"status\": %d, \"reason\": \"%s\", \"seconds\": [", status, reason);

@@ -36,7 +36,7 @@ def _document(problem: Problem, integrator: str, step: float) -> str:
     return (
         f'<mujoco><option integrator="{integrator}" timestep="{step!r}" gravity="0 0 {-model.gravity!r}">'
         f'<flag contact="disable"/></option><worldbody>{"".join(bodies)}</worldbody>'
-        f'<tendon>{"".join(tendons)}</tendon></mujoco>'
+        f"<tendon>{''.join(tendons)}</tendon></mujoco>"
     )
 
 

@@ -25,10 +25,14 @@ BESIDES, PATIENCE = 1.0, 10.0
 NO_EVENTS, DIRECTED, PLAIN = 0, 1, 2
 CVODE = ("cvode_bdf", "cvode_adams")
 ARKODE = (
-    "erk_ARKODE_CASH_KARP_6_4_5", "erk_ARKODE_DORMAND_PRINCE_7_4_5", "erk_ARKODE_VERNER_8_5_6",
-    "erk_ARKODE_FEHLBERG_13_7_8", "dirk_ARKODE_ESDIRK436L2SA_6_3_4", "dirk_ARKODE_ESDIRK547L2SA2_7_4_5",
+    "erk_ARKODE_CASH_KARP_6_4_5",
+    "erk_ARKODE_DORMAND_PRINCE_7_4_5",
+    "erk_ARKODE_VERNER_8_5_6",
+    "erk_ARKODE_FEHLBERG_13_7_8",
+    "dirk_ARKODE_ESDIRK436L2SA_6_3_4",
+    "dirk_ARKODE_ESDIRK547L2SA2_7_4_5",
     "dirk_ARKODE_KVAERNO_7_4_5",
-)  # fmt: skip
+)
 #: Without tuning: ARKODE's own choice of table for an order.
 UNTUNED = (*CVODE, "erk_4", "erk_5", "dirk_4", "dirk_5")
 #: Of interest without root finding.

@@ -59,7 +59,8 @@ static void list_roots(peer *p)
         if (p->events == PEER_PLAIN)
             for (int e = 0; e < count && e < 64; e++) add_root(p, i, e, ends[e]);
         else if (count == 1) add_root(p, i, 0, 0.0);
-        else for (int end = -1; end <= 1; end += 2) add_root(p, i, end, 0.0);
+        else
+            for (int end = -1; end <= 1; end += 2) add_root(p, i, end, 0.0);
     }
 }
 

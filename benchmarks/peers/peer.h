@@ -15,7 +15,7 @@
 
 enum { PEER_NO_EVENTS, PEER_DIRECTED, PEER_PLAIN };
 
-#define PEER_TOGETHER 1e-13 /* of the duration: two instants that are one */
+#define PEER_TOGETHER 1e-13  /* of the duration: two instants that are one */
 #define PEER_RHS_CALLS 10000 /* of the method `rhs`, which does nothing else */
 
 typedef struct {
@@ -29,17 +29,17 @@ typedef struct {
     double duration; /* s */
     int instants;    /* output after duration/instants, 2 duration/instants, ... */
     int roots;
-    int *root_string;     /* (roots) */
-    int *root_end;        /* (roots) directed: -1 lower end of the piece, 1 upper end, 0 the one end of a plain string's piece;
+    int *root_string;   /* (roots) */
+    int *root_end;      /* (roots) directed: -1 lower end of the piece, 1 upper end, 0 the one end of a plain string's piece;
                              plain: which end of the force curve, from 0 */
-    double *root_at;      /* (roots) plain: elongation there, m */
-    double *start, *dy;   /* (m.stride) */
+    double *root_at;    /* (roots) plain: elongation there, m */
+    double *start, *dy; /* (m.stride) */
     peer_counts counts;
 } peer;
 
 /* A solver's side: made once per job, begun (not timed) and run (timed) once per repetition. */
 typedef struct {
-    const char *name; /* how the names of its methods begin */
+    const char *name;                                             /* how the names of its methods begin */
     void *(*make)(peer *p, const char *method, double tolerance); /* NULL: no such method */
     int (*begin)(void *self);
     int (*run)(void *self, double *rows); /* rows (instants, n); 0: done, else the solver's own code */

@@ -26,7 +26,7 @@
 #define CALLS 2000 /* of fmi2SetReal and fmi2GetReal */
 #define HUNDRED 100
 #define MOST 1024
-#define PUSH 45.0  /* N */
+#define PUSH 45.0 /* N */
 
 static long taken; /* calls that took memory */
 
@@ -42,9 +42,11 @@ void *realloc(void *p, size_t size) { return taken++, __libc_realloc(p, size); }
 #define COUNTED 0
 #endif
 
+/* clang-format off */ /* names in rows */
 #define KERNEL(X) X(ts_create) X(ts_free) X(ts_values) X(ts_initialize) X(ts_step)
 #define FMU(X) X(fmi2Instantiate) X(fmi2FreeInstance) X(fmi2SetupExperiment) X(fmi2EnterInitializationMode) \
     X(fmi2ExitInitializationMode) X(fmi2Reset) X(fmi2SetReal) X(fmi2GetReal) X(fmi2DoStep)
+/* clang-format on */
 
 static struct {
 #define FIELD(name) __typeof__(&name) name;
@@ -89,7 +91,8 @@ static void *open_library(const char *path)
 static void load(const char *kernel, const char *library)
 {
     void *from = open_library(kernel);
-#define FIND(name) if (!(*(void **)&f.name = dlsym(from, #name))) give_up(#name, "is not exported");
+#define FIND(name) \
+    if (!(*(void **)&f.name = dlsym(from, #name))) give_up(#name, "is not exported");
     KERNEL(FIND)
     from = open_library(library);
     FMU(FIND)
@@ -171,7 +174,8 @@ static double hundred_calls(int set)
     require(f.fmi2GetReal(fmu, hundred, HUNDRED, row) == fmi2OK, "fmi2GetReal");
     double begin = now();
     for (unsigned k = 0; k < CALLS; k++)
-        require((set ? f.fmi2SetReal(fmu, hundred, HUNDRED, row) : f.fmi2GetReal(fmu, hundred, HUNDRED, row)) == fmi2OK, "values");
+        require((set ? f.fmi2SetReal(fmu, hundred, HUNDRED, row) : f.fmi2GetReal(fmu, hundred, HUNDRED, row)) == fmi2OK,
+                "values");
     return now() - begin;
 }
 

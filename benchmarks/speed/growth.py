@@ -237,8 +237,13 @@ def short(method: str) -> str:
 
 def exponent_rows(found: dict) -> str:
     """Fitted, and at the end."""
-    names = {"step": "accepted step", "transition": "transition", "rhs": "right-hand side", "algebra": "linear algebra",
-             "memory": "memory"}  # fmt: skip
+    names = {
+        "step": "accepted step",
+        "transition": "transition",
+        "rhs": "right-hand side",
+        "algebra": "linear algebra",
+        "memory": "memory",
+    }
     body = []
     for quantity, label in names.items():
         cells = [found[method].get(quantity) for method in METHODS]

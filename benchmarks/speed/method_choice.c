@@ -23,7 +23,8 @@ static double now(void)
 /* One run: `count` calls of lengths h (s), the first `width` values of the block set to a row before each (rows: how many there
  * are; the last one stays).  Returns the processor time of all calls, s, or -1 - status of the call that failed; most: seconds
  * after which the run is given up, with -1000. */
-double run(const kernel *k, ts_sim *sim, int64_t count, const double *h, int64_t rows, int64_t width, const double *table, double most)
+double run(const kernel *k, ts_sim *sim, int64_t count, const double *h, int64_t rows, int64_t width, const double *table,
+           double most)
 {
     double *block = k->values(sim);
     memcpy(block, table, sizeof(double) * (size_t)width);

@@ -128,9 +128,14 @@ def every() -> list[Cell]:
     """The whole product."""
     cells = (
         Cell(scene, memory, damping, drive, duration, call, tolerance, 0)
-        for scene in SCENES for memory in (False, True) for damping in DAMPINGS for drive in DRIVES
-        for duration in DURATIONS for call in CALLS for tolerance in TOLERANCES
-    )  # fmt: skip
+        for scene in SCENES
+        for memory in (False, True)
+        for damping in DAMPINGS
+        for drive in DRIVES
+        for duration in DURATIONS
+        for call in CALLS
+        for tolerance in TOLERANCES
+    )
     return [replace(cell, seed=n) for n, cell in enumerate(cells) if affordable(cell)]
 
 

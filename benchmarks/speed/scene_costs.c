@@ -23,12 +23,12 @@
 #include <string.h>
 #include <time.h>
 
-#define BATCH 1e-3         /* s */
+#define BATCH 1e-3          /* s */
 #define EVICTED (128 << 20) /* bytes to walk through, more than caches hold */
 #define MOST_METHODS 8
 #define MOST_HALVINGS 60
 #define MOST_DOUBLINGS 8
-#define RATE 1e4           /* 1/s, `a` of the matrices that are factorised */
+#define RATE 1e4 /* 1/s, `a` of the matrices that are factorised */
 
 typedef struct {
     int number;
@@ -105,8 +105,12 @@ static const struct {
     const char *name;
     void (*call)(ts_sim *sim);
 } parts[] = {
-    {"rhs", rhs}, {"jacobian", jacobian}, {"factorisation", factorise}, {"solve", solve},
-    {"complex_factorisation", pair_factorise}, {"complex_solve", pair_solve},
+    {"rhs", rhs},
+    {"jacobian", jacobian},
+    {"factorisation", factorise},
+    {"solve", solve},
+    {"complex_factorisation", pair_factorise},
+    {"complex_solve", pair_solve},
 };
 
 static void time_parts(const scene *s)
@@ -175,8 +179,8 @@ static void report_counts(int scene, const char *run, int method, const int64_t 
         int at;
         const char *name;
     } kept[] = {
-        {TS_STEPS, "steps"}, {TS_REJECTED, "rejected"}, {TS_RHS, "rhs"},
-        {TS_TRANSITIONS, "transitions"}, {TS_RESTARTS, "restarts"},
+        {TS_STEPS, "steps"},       {TS_REJECTED, "rejected"}, {TS_RHS, "rhs"}, {TS_TRANSITIONS, "transitions"},
+        {TS_RESTARTS, "restarts"},
     };
     for (size_t i = 0; i < sizeof kept / sizeof *kept; i++)
         printf("%d %s_%d_%s = %lld\n", scene, run, method, kept[i].name, (long long)stats[kept[i].at]);

@@ -53,9 +53,17 @@ def problem_rows(scene: str, damping: float, rounds: int) -> list[dict]:
     for (method, tol), kernel in kernels.items():
         time_per_second = seconds[method, tol] / problem.duration
         rows.append(
-            {"scene": scene, "damping": damping, "method": method, "tolerance": tol, "error": errors[method, tol],
-             "ms_per_s": 1e3 * time_per_second, "real_time_factor": 1.0 / time_per_second, **kernel.stats}
-        )  # fmt: skip
+            {
+                "scene": scene,
+                "damping": damping,
+                "method": method,
+                "tolerance": tol,
+                "error": errors[method, tol],
+                "ms_per_s": 1e3 * time_per_second,
+                "real_time_factor": 1.0 / time_per_second,
+                **kernel.stats,
+            }
+        )
     return rows
 
 
@@ -90,8 +98,13 @@ def fmu_row(scene: str, step: float = 1e-3) -> dict:
             raise SystemExit(f"building the FMU of {scene} failed")
         measured = fmu_speed.measure(folder / "python" / f"{scene}.fmu", h=step)
     counts = Kernel(build_model(load_scene(scene))).counts
-    return {"scene": scene, "step_size": step, "time_per_step": measured.step, "real_time_factor": measured.factor,
-            "inputs": counts["F"] * counts["D"] + 2 * counts["S"]}  # fmt: skip
+    return {
+        "scene": scene,
+        "step_size": step,
+        "time_per_step": measured.step,
+        "real_time_factor": measured.factor,
+        "inputs": counts["F"] * counts["D"] + 2 * counts["S"],
+    }
 
 
 def best(rows: list[dict], scene: str, damping: float, error: float) -> dict:
@@ -107,32 +120,57 @@ def best_rows(result: dict) -> str:
         for error in result["conditions"]["errors"]:
             r = best(result["kernel"], scene, damping, error)
             body.append(
-                [scene, f"{damping:g}", f"{error:g}", f"{r['error']:.1e}", f"`{r['method']}`", f"{r['tolerance']:g}",
-                 f"{r['ms_per_s']:.2f}", f"{r['real_time_factor']:.0f}", str(r["transitions"])]
-            )  # fmt: skip
-    head = ["scene", "d, N s/m", "error <=, m", "reached, m", "method", "tolerance", "ms per second", "x real time",
-            "transitions"]  # fmt: skip
+                [
+                    scene,
+                    f"{damping:g}",
+                    f"{error:g}",
+                    f"{r['error']:.1e}",
+                    f"`{r['method']}`",
+                    f"{r['tolerance']:g}",
+                    f"{r['ms_per_s']:.2f}",
+                    f"{r['real_time_factor']:.0f}",
+                    str(r["transitions"]),
+                ]
+            )
+    head = [
+        "scene",
+        "d, N s/m",
+        "error <=, m",
+        "reached, m",
+        "method",
+        "tolerance",
+        "ms per second",
+        "x real time",
+        "transitions",
+    ]
     return table(head, body)
 
 
 def report(result: dict) -> str:
     """docs/speed.md."""
     where, conditions, fmu = result["machine"], result["conditions"], result["fmu"]
-    return wrapped("\n\n".join([
-        "# Speed",
-        "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
-        f"page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, commit "
-        f"{where['commit']}, {where['date']}, in {result['seconds']} s.",
-        f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on the top nodes, "
-        f"{conditions['aside']:g} N aside on the first), fastest setting that reaches the error; least processor time of "
-        f"{conditions['rounds']} runs:",
-        best_rows(result),
-        f"pythonfmu FMU of {fmu['scene']} through fmpy's low-level calls, communication step {fmu['step_size']:g} s, "
-        f"all {fmu['inputs']} inputs set and all outputs read at every step: "
-        f"{fmu['time_per_step'] * 1e6:.0f} us per step, {fmu['real_time_factor']:.0f} x real time.",
-        "The library is compiled for any processor of its platform; the same sources with `-march=native` take "
-        f"{1.0 / result['processor']['shipped_over_march_native']:.2f} of its time on this machine.",
-    ])) + "\n"  # fmt: skip
+    return (
+        wrapped(
+            "\n\n".join(
+                [
+                    "# Speed",
+                    "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
+                    f"page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, commit "
+                    f"{where['commit']}, {where['date']}, in {result['seconds']} s.",
+                    f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on the top nodes, "
+                    f"{conditions['aside']:g} N aside on the first), fastest setting that reaches the error; least processor time of "
+                    f"{conditions['rounds']} runs:",
+                    best_rows(result),
+                    f"pythonfmu FMU of {fmu['scene']} through fmpy's low-level calls, communication step {fmu['step_size']:g} s, "
+                    f"all {fmu['inputs']} inputs set and all outputs read at every step: "
+                    f"{fmu['time_per_step'] * 1e6:.0f} us per step, {fmu['real_time_factor']:.0f} x real time.",
+                    "The library is compiled for any processor of its platform; the same sources with `-march=native` take "
+                    f"{1.0 / result['processor']['shipped_over_march_native']:.2f} of its time on this machine.",
+                ]
+            )
+        )
+        + "\n"
+    )
 
 
 def collect(rounds: int) -> dict:

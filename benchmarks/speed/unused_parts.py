@@ -90,8 +90,13 @@ def row(scene: str, task: Task, library: Path, rounds: int) -> dict:
             seconds[name].append(run(kernels[name], task))
     least = {name: min(values) for name, values in seconds.items()}
     apart = float(np.abs(kernels["now"]["position"] - kernels["before"]["position"]).max())
-    return {"scene": scene, "task": task.title, "us_per_step": 1e6 * least["now"] / task.count, "apart": apart,
-            "ratio": least["now"] / least["before"]}  # fmt: skip
+    return {
+        "scene": scene,
+        "task": task.title,
+        "us_per_step": 1e6 * least["now"] / task.count,
+        "apart": apart,
+        "ratio": least["now"] / least["before"],
+    }
 
 
 def collect(rounds: int) -> dict:
@@ -121,20 +126,27 @@ def report(result: dict) -> str:
     means = [mean(found[s, t]["ratio"] for s in scenes) for t in titles]
     body.append(["geometric mean", *(f"{value:.3f}" for value in means)])
     over = sum(r["ratio"] > 1.02 for r in rows)
-    return wrapped("\n\n".join([
-        "# What unused parts cost",
-        "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), and "
-        f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, "
-        f"commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
-        "Processor time of the kernel over that of the kernel at commit "
-        f"{result['before']}, which knew neither actuators, moved nodes, point masses, drag and gravity vectors, nor general "
-        "force laws and memory; in brackets the time of a communication step, called from Python. The six scenes have none of "
-        f"these parts. Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
-        "Positions at the end differ by at most "
-        f"{max(r['apart'] for r in rows):.0e} m.",
-        table(["scene", *titles], body),
-        f"Over all: {mean(r['ratio'] for r in rows):.3f}. {over} of {len(rows)} ratios exceed 1.02.",
-    ])) + "\n"  # fmt: skip
+    return (
+        wrapped(
+            "\n\n".join(
+                [
+                    "# What unused parts cost",
+                    "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), and "
+                    f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, "
+                    f"commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
+                    "Processor time of the kernel over that of the kernel at commit "
+                    f"{result['before']}, which knew neither actuators, moved nodes, point masses, drag and gravity vectors, nor general "
+                    "force laws and memory; in brackets the time of a communication step, called from Python. The six scenes have none of "
+                    f"these parts. Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
+                    "Positions at the end differ by at most "
+                    f"{max(r['apart'] for r in rows):.0e} m.",
+                    table(["scene", *titles], body),
+                    f"Over all: {mean(r['ratio'] for r in rows):.3f}. {over} of {len(rows)} ratios exceed 1.02.",
+                ]
+            )
+        )
+        + "\n"
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:

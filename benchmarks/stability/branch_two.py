@@ -56,6 +56,7 @@ RESOLVED = 0.01
 
 # ----------------------------------------------------------------------------------------------------- what is measured
 
+
 def slope_of_log(path: Path, low: float, high: float) -> float:
     """1/s: slope of ln |u - h| where it lies between low and high, m; nan for fewer than 5 points."""
     x = np.abs(path.u - H)
@@ -72,8 +73,15 @@ def dead_load_growth(masses=MASSES, deltas=DELTAS) -> list[dict]:
         for delta in deltas:
             c = case(mass, delta, load=2.0 * Q)
             path = run(c, H + 1e-8, 12.0 * c.unit / float(growth(delta)), 600, tolerance=1e-13)
-            rows.append({"mass": mass, "delta": delta, "damping": c.damping, "rate": slope_of_log(path, 1e-6, 1e-5) * c.unit,
-                         "theory": growth(delta)})  # fmt: skip
+            rows.append(
+                {
+                    "mass": mass,
+                    "delta": delta,
+                    "damping": c.damping,
+                    "rate": slope_of_log(path, 1e-6, 1e-5) * c.unit,
+                    "theory": growth(delta),
+                }
+            )
     return rows
 
 
@@ -101,8 +109,16 @@ def snap_times(masses=MASSES, deltas=DELTAS) -> list[dict]:
         for mass in masses:
             c = case(mass, delta, load=(1.0 + OVERLOAD) * EDGE.f_max)
             path = run(c, EDGE.u_max, 1.05 * expected * c.unit, 400)
-            rows.append({"mass": mass, "delta": delta, "damping": c.damping, "seconds": crossing(path, EDGE.u_min),
-                         "time": crossing(path, EDGE.u_min) / c.unit, "theory": expected})  # fmt: skip
+            rows.append(
+                {
+                    "mass": mass,
+                    "delta": delta,
+                    "damping": c.damping,
+                    "seconds": crossing(path, EDGE.u_min),
+                    "time": crossing(path, EDGE.u_min) / c.unit,
+                    "theory": expected,
+                }
+            )
     return rows
 
 
@@ -129,11 +145,19 @@ def winding(ratio: float, duration: float = 60.0, steps: int = 12000) -> dict:
     static = jump_under_winding(c.series) if ratio < 1.0 else None
     fastest = int(np.argmax(path.rate))
     shown = np.unique(np.r_[np.linspace(0, steps, 60).astype(int), np.arange(max(fastest - 12, 0), min(fastest + 13, steps))])
-    return {"ratio": ratio, "u": path.u[shown], "load": load[shown], "off_curve": on_curve.max(),
-            "fastest": path.rate.max(), "winding_rate": way / duration, "jump": static}  # fmt: skip
+    return {
+        "ratio": ratio,
+        "u": path.u[shown],
+        "load": load[shown],
+        "off_curve": on_curve.max(),
+        "fastest": path.rate.max(),
+        "winding_rate": way / duration,
+        "jump": static,
+    }
 
 
 # ------------------------------------------------------------------------------------------------- the step of the snap
+
 
 def stepped(c: Case, method: str, h: float, duration: float) -> Path:
     """The snap from rest at u_max with a fixed step (s)."""
@@ -190,8 +214,12 @@ def step_error(s: Snap, method: str, step: float) -> dict:
 def step_errors(methods=STEPPED, deltas=STEPPED_DELTAS, steps=STEPS) -> list[dict]:
     """`step_error` over methods, damping and steps."""
     snaps = {delta: snap(delta) for delta in deltas}
-    return [{"method": method, "delta": delta, "step": step, **step_error(snaps[delta], method, step)}
-            for delta in deltas for method in methods for step in steps]  # fmt: skip
+    return [
+        {"method": method, "delta": delta, "step": step, **step_error(snaps[delta], method, step)}
+        for delta in deltas
+        for method in methods
+        for step in steps
+    ]
 
 
 def resolving_step(method: str, delta: float, low: float = 1e-2, high: float = 3.0, factor: float = 1.04) -> float:
@@ -247,9 +275,16 @@ def beams_of_the_article(dampings=(0.0, 50.0, 500.0, 5000.0)) -> list[dict]:
 
 
 def measure() -> dict:
-    return {"growth": dead_load_growth(), "winding_growth": winding_growth(), "snap": snap_times(), "overload": overloads(),
-            "winding": [winding(2.0), winding(0.5)], "errors": step_errors(), "resolving": resolving_steps(),
-            "beams": beams_of_the_article()}  # fmt: skip
+    return {
+        "growth": dead_load_growth(),
+        "winding_growth": winding_growth(),
+        "snap": snap_times(),
+        "overload": overloads(),
+        "winding": [winding(2.0), winding(0.5)],
+        "errors": step_errors(),
+        "resolving": resolving_steps(),
+        "beams": beams_of_the_article(),
+    }
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -280,11 +315,23 @@ def _draw_growth(ax, rows) -> None:
     ax.plot(delta[1:], 1.0 / delta[1:], color=common.COLOURS[4], ls=":", label="κ/d")
     for mass, mark in MASS_MARK.items():
         chosen = [row for row in rows if row["mass"] == mass]
-        ax.plot([row["delta"] for row in chosen], [row["rate"] for row in chosen], mark, color=common.COLOURS[1],
-                fillstyle="none", ms=4 + 2 * MASSES.index(mass), label=f"m = {mass:g} kg")  # fmt: skip
+        ax.plot(
+            [row["delta"] for row in chosen],
+            [row["rate"] for row in chosen],
+            mark,
+            color=common.COLOURS[1],
+            fillstyle="none",
+            ms=4 + 2 * MASSES.index(mass),
+            label=f"m = {mass:g} kg",
+        )
     ax.set_xscale("symlog", linthresh=0.1, linscale=0.4)
-    ax.set(yscale="log", ylim=(4e-3, 2.0), xlabel="δ = d/√(mκ)", ylabel="growth rate · √(m/κ)",
-           title="Dead load f(h): growth off branch II")  # fmt: skip
+    ax.set(
+        yscale="log",
+        ylim=(4e-3, 2.0),
+        xlabel="δ = d/√(mκ)",
+        ylabel="growth rate · √(m/κ)",
+        title="Dead load f(h): growth off branch II",
+    )
     ax.legend()
 
 
@@ -295,11 +342,19 @@ def _draw_snap_times(ax, rows) -> None:
     ax.plot(delta[10:], delta[10:] * snap_time_overdamped(OVERLOAD), color=common.COLOURS[4], ls=":")
     for mass, mark in MASS_MARK.items():
         chosen = [row for row in rows if row["mass"] == mass]
-        ax.plot([row["delta"] for row in chosen], [row["time"] for row in chosen], mark, color=common.COLOURS[1],
-                fillstyle="none", ms=4 + 2 * MASSES.index(mass), label=f"m = {mass:g} kg")  # fmt: skip
+        ax.plot(
+            [row["delta"] for row in chosen],
+            [row["time"] for row in chosen],
+            mark,
+            color=common.COLOURS[1],
+            fillstyle="none",
+            ms=4 + 2 * MASSES.index(mass),
+            label=f"m = {mass:g} kg",
+        )
     ax.set_xscale("symlog", linthresh=0.1, linscale=0.4)
-    ax.set(yscale="log", xlabel="δ = d/√(mκ)", ylabel="time / √(m/κ)",
-           title=f"Dead load {1 + OVERLOAD:g} f_max: time on branch II")  # fmt: skip
+    ax.set(
+        yscale="log", xlabel="δ = d/√(mκ)", ylabel="time / √(m/κ)", title=f"Dead load {1 + OVERLOAD:g} f_max: time on branch II"
+    )
     ax.legend()
 
 
@@ -309,8 +364,13 @@ def _draw_overloads(ax, rows) -> None:
         chosen, colour = [row for row in rows if row["delta"] == delta], DELTA_COLOUR[delta]
         ax.plot([row["overload"] for row in chosen], [row["time"] for row in chosen], "o", color=colour, label=f"δ = {delta:g}")
         ax.plot(span, [snap_time(delta, x) for x in span], color=colour)
-    ax.set(xscale="log", yscale="log", xlabel="overload F/f_max − 1", ylabel="time / √(m/κ)",
-           title="Time on branch II over the overload")  # fmt: skip
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="overload F/f_max − 1",
+        ylabel="time / √(m/κ)",
+        title="Time on branch II over the overload",
+    )
     ax.legend()
 
 
@@ -350,15 +410,25 @@ def _draw_steps(ax, rows) -> None:
     for delta, colour in DELTA_COLOUR.items():
         if edge_of_rk4(delta) < span[-1]:
             ax.axvline(edge_of_rk4(delta), color=colour, lw=0.9, ls=":")
-    handles = [Line2D([], [], ls="", marker=mark, mfc="none", color="black", label=METHODS[name].label)
-               for name, mark in METHOD_MARK.items()]  # fmt: skip
+    handles = [
+        Line2D([], [], ls="", marker=mark, mfc="none", color="black", label=METHODS[name].label)
+        for name, mark in METHOD_MARK.items()
+    ]
     handles += [Line2D([], [], ls="", marker="o", color=c, label=f"δ = {d:g}") for d, c in DELTA_COLOUR.items()]
-    handles += [Line2D([], [], color=common.COLOURS[4], label="error of r at u = h"),
-                Line2D([], [], color="black", ls=":", label="theory: RK4's edge"),
-                Line2D([], [], ls="", marker="x", color="black", label="lost")]  # fmt: skip
-    ax.set(xscale="log", yscale="log", xlim=(0.007, 1.7), ylim=(1e-10, 10.0), xlabel="step · r",
-           ylabel="relative error of the time on branch II",
-           title="The step that the snap needs; lines: scale only")  # fmt: skip
+    handles += [
+        Line2D([], [], color=common.COLOURS[4], label="error of r at u = h"),
+        Line2D([], [], color="black", ls=":", label="theory: RK4's edge"),
+        Line2D([], [], ls="", marker="x", color="black", label="lost"),
+    ]
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlim=(0.007, 1.7),
+        ylim=(1e-10, 10.0),
+        xlabel="step · r",
+        ylabel="relative error of the time on branch II",
+        title="The step that the snap needs; lines: scale only",
+    )
     ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
 
 
@@ -370,15 +440,19 @@ def edge_of_rk4(delta: float) -> float:
 
 # ---------------------------------------------------------------------------------------------------------------- page
 
+
 def section(data: dict) -> str:
     def worst(rows, got="rate", want="theory"):
         return max(abs(row[got] / row[want] - 1.0) for row in rows)
 
     stiff, soft = data["winding"]
-    steps = [[METHODS[row["method"]].label, f"{row['delta']:g}", f"{row['step']:.2g}", f"{1e3 * row['landing']:.2g}"]
-             for row in data["resolving"]]  # fmt: skip
-    beams = [[f"{row['f_max']:.2f}", f"{row['kappa']:.0f}", *(f"{1e3 * x:.3g}" for x in row["scales"])]
-             for row in data["beams"]]  # fmt: skip
+    steps = [
+        [METHODS[row["method"]].label, f"{row['delta']:g}", f"{row['step']:.2g}", f"{1e3 * row['landing']:.2g}"]
+        for row in data["resolving"]
+    ]
+    beams = [
+        [f"{row['f_max']:.2f}", f"{row['kappa']:.0f}", *(f"{1e3 * x:.3g}" for x in row["scales"])] for row in data["beams"]
+    ]
     dampings = [f"1/r at d = {d:g}, ms" for d in data["beams"][0]["dampings"]]
     return common.wrapped(f"""
 ## Negative stiffness: the snap on branch II
@@ -386,12 +460,12 @@ def section(data: dict) -> str:
 ![Branch II under force and displacement control](figures/stability_branch_two.png)
 
 Under a dead load branch II is unstable with the positive root r of m r² + d r = κ, between √(κ/m) without damping and κ/d
-with much of it (a; the kernel's rates are within {100 * worst(data['growth']):.1g} %), and a load just beyond f_max snaps in
-a time that follows (b, c; within {100 * worst(data['snap'] + data['overload'], 'time'):.1g} %); the steps that resolve it
+with much of it (a; the kernel's rates are within {100 * worst(data["growth"]):.1g} %), and a load just beyond f_max snaps in
+a time that follows (b, c; within {100 * worst(data["snap"] + data["overload"], "time"):.1g} %); the steps that resolve it
 stand in f and the first table. Where a rest length is prescribed through a string of stiffness k_s, r changes its sign at
-k_s = κ (d; within {100 * worst(data['winding_growth']):.1g} %): wound in slowly behind k_s = {stiff['ratio']:g} κ the beam
-passes through branch II on its curve (e; within {stiff['off_curve']:.2g} N, never faster than
-{stiff['fastest'] / stiff['winding_rate']:.2g} times the winding), behind {soft['ratio']:g} κ it snaps along the line of
+k_s = κ (d; within {100 * worst(data["winding_growth"]):.1g} %): wound in slowly behind k_s = {stiff["ratio"]:g} κ the beam
+passes through branch II on its curve (e; within {stiff["off_curve"]:.2g} N, never faster than
+{stiff["fastest"] / stiff["winding_rate"]:.2g} times the winding), behind {soft["ratio"]:g} κ it snaps along the line of
 slope −k_s.
 
 The step up to which the time on branch II is within {100 * RESOLVED:g} %, in units of 1/r:

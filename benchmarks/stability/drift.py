@@ -107,6 +107,7 @@ def expected_time(limit: float, error: float, rate):
 
 # ------------------------------------------------------------------------------------------------------ the structures
 
+
 def three_bar() -> Model:
     """The article's prism, in its settled equilibrium."""
     return build_model(load_scene("three_bar"))
@@ -115,21 +116,34 @@ def three_bar() -> Model:
 def mast(tension: float) -> Model:
     """A leaning mast held by two guys, of which one carries this tension (N)."""
     cable = {"stiffness": 5000.0, "damping": 50.0}
-    return build_model(parse_scene({
-        "name": "mast", "plane": "xz", "fixed": ["foot", "left", "right"],
-        "nodes": {"foot": [0.0, 0.0], "tip": [0.3, 1.1], "left": [-1.0, 0.1], "right": [1.3, -0.2]},
-        "bars": {"mast": {"nodes": ["foot", "tip"], "mass": 1.0}},
-        "strings": {"guy1": {"nodes": ["left", "tip"], **cable}, "guy2": {"nodes": ["right", "tip"], **cable}},
-        "prestress": {"tension": {"guy1": tension}},
-    }))  # fmt: skip
+    return build_model(
+        parse_scene(
+            {
+                "name": "mast",
+                "plane": "xz",
+                "fixed": ["foot", "left", "right"],
+                "nodes": {"foot": [0.0, 0.0], "tip": [0.3, 1.1], "left": [-1.0, 0.1], "right": [1.3, -0.2]},
+                "bars": {"mast": {"nodes": ["foot", "tip"], "mass": 1.0}},
+                "strings": {"guy1": {"nodes": ["left", "tip"], **cable}, "guy2": {"nodes": ["right", "tip"], **cable}},
+                "prestress": {"tension": {"guy1": tension}},
+            }
+        )
+    )
 
 
 def pendulum() -> Model:
     """A bar that hangs from its pin."""
-    return build_model(parse_scene({
-        "name": "pendulum", "plane": "xz", "fixed": ["pin"], "nodes": {"pin": [0.0, 0.0], "tip": [0.0, -1.0]},
-        "bars": {"bar": {"nodes": ["pin", "tip"], "mass": 1.0}},
-    }))  # fmt: skip
+    return build_model(
+        parse_scene(
+            {
+                "name": "pendulum",
+                "plane": "xz",
+                "fixed": ["pin"],
+                "nodes": {"pin": [0.0, 0.0], "tip": [0.0, -1.0]},
+                "bars": {"bar": {"nodes": ["pin", "tip"], "mass": 1.0}},
+            }
+        )
+    )
 
 
 def compression(model: Model, force=None) -> np.ndarray:
@@ -162,9 +176,18 @@ def run_variant(model: Model, name: str, duration: float, force=None, error: flo
     history = integrate(motion, motion.start(error), duration, integrator, project)
     worst = np.abs(history.error).max(axis=1)
     times, shown = common.thinned(history.times, worst, SHOWN)
-    row = {"variant": name, "label": label, "times": times, "error": shown, "end_time": history.times[-1],
-           "end_error": worst[-1], "largest": worst.max(), "rate": measured_rate(history), "steps": len(worst) - 1,
-           "time_to": [time_to(history, limit) for limit in LIMITS]}  # fmt: skip
+    row = {
+        "variant": name,
+        "label": label,
+        "times": times,
+        "error": shown,
+        "end_time": history.times[-1],
+        "end_error": worst[-1],
+        "largest": worst.max(),
+        "rate": measured_rate(history),
+        "steps": len(worst) - 1,
+        "time_to": [time_to(history, limit) for limit in LIMITS],
+    }
     return row, history
 
 
@@ -222,8 +245,17 @@ def tension(load: float = 20.0, error: float = 1e-8, periods: float = 3.0) -> li
         dense = common.thinned(history.times, history.error[:, 0])
         crossings = _zero_crossings(history.times, history.error[:, 0])
         measured = float(np.pi / np.mean(np.diff(crossings)))
-        rows.append({"form": form, "tension": -compression(model, force)[0], "start": error, "omega": measured,
-                     "theory_omega": omega, "times": dense[0], "error": dense[1] / error})  # fmt: skip
+        rows.append(
+            {
+                "form": form,
+                "tension": -compression(model, force)[0],
+                "start": error,
+                "omega": measured,
+                "theory_omega": omega,
+                "times": dense[0],
+                "error": dense[1] / error,
+            }
+        )
     return rows
 
 
@@ -247,10 +279,19 @@ def against_compression(tensions=tuple(np.geomspace(4.0, 500.0, 10)), error: flo
             theory = rate_of(model, form).real
             motion = Motion(problem(model), form, False)
             history = integrate(motion, motion.start(error), 1.5 * float(expected_time(1.0, error, theory)), "tight")
-            rows.append({"form": form, "compression": compression(model)[0], "mass": model.bar_mass[0],
-                         "length": model.bar_length[0], "start": error, "rate": measured_rate(history),
-                         "theory_rate": theory, "time_to": [time_to(history, limit) for limit in LIMITS],
-                         "theory_time_to": [expected_time(limit, error, theory) for limit in LIMITS]})  # fmt: skip
+            rows.append(
+                {
+                    "form": form,
+                    "compression": compression(model)[0],
+                    "mass": model.bar_mass[0],
+                    "length": model.bar_length[0],
+                    "start": error,
+                    "rate": measured_rate(history),
+                    "theory_rate": theory,
+                    "time_to": [time_to(history, limit) for limit in LIMITS],
+                    "theory_time_to": [expected_time(limit, error, theory) for limit in LIMITS],
+                }
+            )
     return rows
 
 
@@ -262,15 +303,28 @@ def against_start_error(errors=tuple(10.0 ** np.arange(-16, -7))) -> list[dict]:
         for error in errors:
             motion = Motion(problem(model), form, False)
             history = integrate(motion, motion.start(error), 20.0, "tight")
-            rows.append({"form": form, "start": error, "theory_rate": theory,
-                         "time_to": [time_to(history, limit) for limit in LIMITS],
-                         "theory_time_to": [expected_time(limit, error, theory) for limit in LIMITS]})  # fmt: skip
+            rows.append(
+                {
+                    "form": form,
+                    "start": error,
+                    "theory_rate": theory,
+                    "time_to": [time_to(history, limit) for limit in LIMITS],
+                    "theory_time_to": [expected_time(limit, error, theory) for limit in LIMITS],
+                }
+            )
     return rows
 
 
 def measure() -> dict:
-    return {"limits": LIMITS, "settled": settled(), "linear": linear_drift(), "pushed": pushed_runs(), "tension": tension(),
-            "compression": against_compression(), "start_error": against_start_error()}  # fmt: skip
+    return {
+        "limits": LIMITS,
+        "settled": settled(),
+        "linear": linear_drift(),
+        "pushed": pushed_runs(),
+        "tension": tension(),
+        "compression": against_compression(),
+        "start_error": against_start_error(),
+    }
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -372,6 +426,7 @@ def _draw_times(ax, rows, key: str, label: str) -> None:
 
 # ---------------------------------------------------------------------------------------------------------------- page
 
+
 def _row(data: dict, variant: str) -> dict:
     return next(row for row in data["rows"] if row["variant"] == variant)
 
@@ -383,33 +438,48 @@ def section(data: dict) -> str:
     table = []
     for row in rest["rows"]:
         pushed_row = _row(push, row["variant"])
-        table.append([
-            row["label"], _number(row["theory_rate"], "3f"), _number(row["rate"], "3f"), _number(row["time_to"][0], "2f"),
-            _number(row["time_to"][1], "2f"), f"{row['end_error']:.1e}", _number(pushed_row["time_to"][0], "2f"),
-            f"{pushed_row['largest']:.1e}",
-        ])  # fmt: skip
-    header = ["formulation", "theory, 1/s", "measured, 1/s", "1e-3 after, s", "10 % after, s", "|e|/l² at the end",
-              "pushed: 1e-3 after, s", "pushed: largest |e|/l²"]  # fmt: skip
+        table.append(
+            [
+                row["label"],
+                _number(row["theory_rate"], "3f"),
+                _number(row["rate"], "3f"),
+                _number(row["time_to"][0], "2f"),
+                _number(row["time_to"][1], "2f"),
+                f"{row['end_error']:.1e}",
+                _number(pushed_row["time_to"][0], "2f"),
+                f"{pushed_row['largest']:.1e}",
+            ]
+        )
+    header = [
+        "formulation",
+        "theory, 1/s",
+        "measured, 1/s",
+        "1e-3 after, s",
+        "10 % after, s",
+        "|e|/l² at the end",
+        "pushed: 1e-3 after, s",
+        "pushed: largest |e|/l²",
+    ]
     return common.wrapped(f"""
 ## Drift of the bars' lengths
 
 ![Drift of the bars' lengths](figures/stability_drift.png)
 
 With the nominal l² in λ, as the article prints it, a bar under compression P is unstable in its own length: e = |b|² − l²
-obeys ë = 24 P/(m l) e, and three_bar at rest (P = {rest['compression'][0]:.2f} N) is wrong by 1e-3 after
-{printed['time_to'][0]:.2f} s from round-off alone (a: {printed['rate']:.2f}/s measured, {printed['theory_rate']:.2f}/s the
+obeys ë = 24 P/(m l) e, and three_bar at rest (P = {rest["compression"][0]:.2f} N) is wrong by 1e-3 after
+{printed["time_to"][0]:.2f} s from round-off alone (a: {printed["rate"]:.2f}/s measured, {printed["theory_rate"]:.2f}/s the
 eigenvalue; d: within {100 * max(rates):.1g} % over all compressions; c: in tension the same error oscillates).
-With |b|² of the state in its place the drift is linear (it stays within {data['linear']['deviation']:.0e} of the line
-e(0) + ė(0) t for 50 s), and with a projection after every step the error is {projected['largest']:.0e} at rest and
-{_row(push, 'projected')['largest']:.0e} pushed.
+With |b|² of the state in its place the drift is linear (it stays within {data["linear"]["deviation"]:.0e} of the line
+e(0) + ė(0) t for 50 s), and with a projection after every step the error is {projected["largest"]:.0e} at rest and
+{_row(push, "projected")["largest"]:.0e} pushed.
 
 {common.table(header, table)}
 
-Runs end at 10 % or after {rest['duration']:.0f} s (pushed: 6 s for the first and third row). The push is
-{push['force_up']:g} N up on the top nodes and {push['force_aside']:g} N aside on one of them; pushed, the first and third row
-start with e = {push['start']:.0e} l², so that e
+Runs end at 10 % or after {rest["duration"]:.0f} s (pushed: 6 s for the first and third row). The push is
+{push["force_up"]:g} N up on the top nodes and {push["force_aside"]:g} N aside on one of them; pushed, the first and third row
+start with e = {push["start"]:.0e} l², so that e
 integrated along the exact motion can be drawn over them (b: it passes 1e-3 at
-{_row(push, 'matrix')['theory_time_to'][0]:.2f} s and {_row(push, 'pinned')['theory_time_to'][0]:.2f} s). DOP853 is SciPy's,
+{_row(push, "matrix")["theory_time_to"][0]:.2f} s and {_row(push, "pinned")["theory_time_to"][0]:.2f} s). DOP853 is SciPy's,
 at tolerance 1e-13; ode45 stands for its pair in SciPy, RK45, with MATLAB's default tolerances (relative 1e-3, absolute 1e-6)
 and the article's step of 1 ms; both cross the transitions unlocated. e and f: the theory is linear, e(0) cosh, and start
 errors of 1e-16 are below what a coordinate can hold.

@@ -53,21 +53,21 @@ EXTREMES = {
     "d = 0": Extreme("d = 0", lambda: retuned(base("three_bar"), damping=0.0)),
     "d = 1e5": Extreme("d = 1e5", lambda: retuned(base("three_bar"), damping=1e5)),
     "k x 1000": Extreme("k × 1000, tensions kept", lambda: _stiffer("three_bar")),
-    "k x 1000, rest": Extreme("k × 1000, rest lengths kept",
-                              lambda: replace(base("three_bar"), stiffness=1e3 * base("three_bar").stiffness)),
+    "k x 1000, rest": Extreme(
+        "k × 1000, rest lengths kept", lambda: replace(base("three_bar"), stiffness=1e3 * base("three_bar").stiffness)
+    ),
     "light bars": Extreme("bars of 1e-4, 1e-2, 1 kg", lambda: _masses("three_bar", 1e-4, 1.0)),
     "heavy bars": Extreme("bars of 1, 1e2, 1e4 kg", lambda: _masses("three_bar", 1.0, 1e4)),
     "six light bars": Extreme("six_bar, bars of 1e-4 … 1 kg", lambda: _masses("six_bar", 1e-4, 1.0)),
     "one at rest length": Extreme("one string at its rest length", lambda: base("three_bar"), (0,)),
     "all at rest length": Extreme("all strings at their rest lengths", lambda: base("three_bar"), tuple(range(6))),
-}  # fmt: skip
+}
 
 
 # ----------------------------------------------------------------------------------------------------- what is measured
 
-def trial(
-    extreme: Extreme, method: str, tolerance: float = TOLERANCE, duration: float = DURATION, step: float = STEP
-) -> Run:
+
+def trial(extreme: Extreme, method: str, tolerance: float = TOLERANCE, duration: float = DURATION, step: float = STEP) -> Run:
     """One method on one case; step: s, of a fixed-step method."""
     settings = {"max_step": step} if method in FIXED else {"tolerance": tolerance}
     points = max(1, round(POINTS * duration / DURATION))
@@ -81,20 +81,40 @@ def outcomes(name: str, methods=METHODS, duration: float = DURATION) -> dict:
     rows = []
     for method in methods:
         found = trial(extreme, method, duration=duration)
-        rows.append({"method": method, "status": found.status, "time": found.time, "error": deviation(found, tight),
-                     "ledger": found.ledger, "gain": float((found.energy - found.energy[0]).max()),
-                     **{key: found.stats[key] for key in ("transitions", "steps", "rejected")}})  # fmt: skip
-    return {"case": name, "label": extreme.label, "known": deviation(tight, other), "reference": [tight.status, other.status],
-            "transitions": tight.stats["transitions"], "rows": rows}  # fmt: skip
+        rows.append(
+            {
+                "method": method,
+                "status": found.status,
+                "time": found.time,
+                "error": deviation(found, tight),
+                "ledger": found.ledger,
+                "gain": float((found.energy - found.energy[0]).max()),
+                **{key: found.stats[key] for key in ("transitions", "steps", "rejected")},
+            }
+        )
+    return {
+        "case": name,
+        "label": extreme.label,
+        "known": deviation(tight, other),
+        "reference": [tight.status, other.status],
+        "transitions": tight.stats["transitions"],
+        "rows": rows,
+    }
 
 
 def measure() -> dict:
     halved = trial(EXTREMES["as it is"], "rk4", step=0.5 * STEP)
-    return {"cases": [outcomes(name) for name in EXTREMES], "tolerance": TOLERANCE, "step": STEP, "duration": DURATION,
-            "ledger_at_half_step": halved.ledger}  # fmt: skip
+    return {
+        "cases": [outcomes(name) for name in EXTREMES],
+        "tolerance": TOLERANCE,
+        "step": STEP,
+        "duration": DURATION,
+        "ledger_at_half_step": halved.ledger,
+    }
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
+
 
 def draw(data: dict) -> Figure:
     figure = common.new_figure(9.0, 4.6)
@@ -127,6 +147,7 @@ def _doubt(case: dict) -> str:
 
 # ---------------------------------------------------------------------------------------------------------------- page
 
+
 def section(data: dict) -> str:
     rows = []
     for case in data["cases"]:
@@ -135,8 +156,19 @@ def section(data: dict) -> str:
             ended = "finished" if finished else f"`{row['status']}` at {row['time']:.3g} s"
             error = "–" if row["error"] is None else f"{row['error']:.1e}"
             ledger = "–" if row["ledger"] is None else f"{row['ledger']:.0e}"
-            rows.append([case["label"], row["method"], ended, error, "–" if case["known"] is None else f"{case['known']:.0e}",
-                         ledger, str(row["transitions"]), str(row["steps"]), str(row["rejected"])])  # fmt: skip
+            rows.append(
+                [
+                    case["label"],
+                    row["method"],
+                    ended,
+                    error,
+                    "–" if case["known"] is None else f"{case['known']:.0e}",
+                    ledger,
+                    str(row["transitions"]),
+                    str(row["steps"]),
+                    str(row["rejected"]),
+                ]
+            )
     runs = [row for case in data["cases"] for row in case["rows"]]
     stopped = [row for row in runs if row["status"] != "finished"]
     names = ", ".join(f"`{status}`" for status in sorted({row["status"] for row in stopped}))
@@ -149,8 +181,8 @@ def section(data: dict) -> str:
 
 ![Errors at extreme parameters](figures/stability_extremes.png)
 
-Of {len(runs)} runs of {data['duration']:g} s, every method on three_bar (once six_bar) with extreme damping, stiffness,
-masses and strings exactly at their rest lengths, {len(runs) - len(stopped)} finish and {end if stopped else 'none stops'}. A
+Of {len(runs)} runs of {data["duration"]:g} s, every method on three_bar (once six_bar) with extreme damping, stiffness,
+masses and strings exactly at their rest lengths, {len(runs) - len(stopped)} finish and {end if stopped else "none stops"}. A
 finished run is not thereby a right one: the colour is its largest error against a run of `auto` at tolerance
 {REFERENCES[0][1]:g}.
 
@@ -162,7 +194,7 @@ energy that has passed. A force that jumps, as a damper's does where its string 
 fades with the fastest eigenvalue; where that is sooner than one step of rk4 or ros2, the dissipated energy is summed over
 values that miss the transient, and the energy outputs of these methods mean nothing ({_ledger_of_rk4(data)}).
 
-Methods with an error test have the tolerance {data['tolerance']:g}, rk4 and ros2 the step {1e3 * data['step']:g} ms. The
+Methods with an error test have the tolerance {data["tolerance"]:g}, rk4 and ros2 the step {1e3 * data["step"]:g} ms. The
 push is {PUSH_UP:g} N up on the top nodes and {PUSH_ASIDE:g} N aside on one; scenes are those of the article with
 d = 500 N s/m.
 
@@ -174,8 +206,10 @@ def _ledger_of_rk4(data: dict) -> str:
     """What rk4's energy says of the first case, and what its positions say."""
     case, step = data["cases"][0], 1e3 * data["step"]
     row = next(row for row in case["rows"] if row["method"] == "rk4")
-    return (f"{case['label']}, rk4: the ledger is off by {row['ledger']:.0e} at {step:g} ms and by "
-            f"{data['ledger_at_half_step']:.0e} at {0.5 * step:g} ms, the positions by {row['error']:.0e} m")  # fmt: skip
+    return (
+        f"{case['label']}, rk4: the ledger is off by {row['ledger']:.0e} at {step:g} ms and by "
+        f"{data['ledger_at_half_step']:.0e} at {0.5 * step:g} ms, the positions by {row['error']:.0e} m"
+    )
 
 
 def _list(labels: list[str]) -> str:

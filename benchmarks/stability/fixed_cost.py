@@ -39,6 +39,7 @@ TIGHT, LESS_TIGHT = 1e-12, 1e-11
 
 # ----------------------------------------------------------------------------------------------------- what is measured
 
+
 def energies(scene: str, damping: float, stiffness: float, step: float = STEP, duration: float = DURATION) -> dict:
     """One run of ROS2: how it ended, its largest gain of energy, and the exact motion's largest kinetic energy (J)."""
     model, points = retuned(base(scene), damping, stiffness), round(POINTS * duration / DURATION)
@@ -48,9 +49,16 @@ def energies(scene: str, damping: float, stiffness: float, step: float = STEP, d
         raise RuntimeError(f"{scene}, d = {damping:g}, k = {stiffness:g}: the exact motion stopped with {exact.status}")
     gain = float((found.energy - found.energy[0]).max())
     bounded = found.status == "finished" and gain <= ALLOWED * exact.kinetic.max()
-    return {"damping": damping, "stiffness": stiffness, "step": step, "status": found.status, "gain": gain,
-            "exact": exact.kinetic.max(),
-            "transitions": found.stats["transitions"], "bounded": bool(bounded)}  # fmt: skip
+    return {
+        "damping": damping,
+        "stiffness": stiffness,
+        "step": step,
+        "status": found.status,
+        "gain": gain,
+        "exact": exact.kinetic.max(),
+        "transitions": found.stats["transitions"],
+        "bounded": bool(bounded),
+    }
 
 
 def largest_bounded_step(scene: str, damping: float, stiffness: float, steps=BOUND_STEPS) -> float:
@@ -71,8 +79,15 @@ def histories(duration: float = 0.3) -> list[dict]:
     for step in HISTORY_STEPS:
         found = run(model, "ros2", duration, 300, max_step=step)
         times = duration / 300 * np.arange(len(found.energy))
-        rows.append({"step": step, "status": found.status, "times": times[::3], "gain": (found.energy - found.energy[0])[::3],
-                     "exact": exact})  # fmt: skip
+        rows.append(
+            {
+                "step": step,
+                "status": found.status,
+                "times": times[::3],
+                "gain": (found.energy - found.energy[0])[::3],
+                "exact": exact,
+            }
+        )
     return rows
 
 
@@ -94,8 +109,14 @@ def error_map() -> list[dict]:
     for damping in (0.0, *np.geomspace(1.0, 1e5, 11)):
         for stiffness in STIFFNESS:
             reference, known = references(damping, stiffness)
-            rows.append({"damping": damping, "stiffness": stiffness, "known": known,
-                         "error": error(reference, damping, stiffness, STEP)})  # fmt: skip
+            rows.append(
+                {
+                    "damping": damping,
+                    "stiffness": stiffness,
+                    "known": known,
+                    "error": error(reference, damping, stiffness, STEP),
+                }
+            )
     return rows
 
 
@@ -104,8 +125,17 @@ def error_over_step() -> list[dict]:
     for damping in ERROR_DAMPING:
         reference, known = references(damping, k)
         errors = [error(reference, damping, k, step) for step in ERROR_STEPS]
-        rows.append({"damping": damping, "stiffness": k, "known": known, "steps": ERROR_STEPS, "errors": errors,
-                     "order": order(ERROR_STEPS, errors), "transitions": reference.stats["transitions"]})  # fmt: skip
+        rows.append(
+            {
+                "damping": damping,
+                "stiffness": k,
+                "known": known,
+                "steps": ERROR_STEPS,
+                "errors": errors,
+                "order": order(ERROR_STEPS, errors),
+                "transitions": reference.stats["transitions"],
+            }
+        )
     return rows
 
 
@@ -117,11 +147,26 @@ def order(steps, errors, largest: float = 1e-3) -> float:
 
 def measure() -> dict:
     maps = [{"scene": s, "rows": [energies(s, d, k) for d in DAMPING for k in STIFFNESS]} for s in SCENES]
-    lost = [{"scene": one["scene"], **{key: row[key] for key in ("damping", "stiffness")},
-             "step": largest_bounded_step(one["scene"], row["damping"], row["stiffness"])}
-            for one in maps for row in one["rows"] if not row["bounded"]]  # fmt: skip
-    return {"maps": maps, "lost": lost, "errors": error_map(), "over_step": error_over_step(), "histories": histories(),
-            "step": STEP, "duration": DURATION, "allowed": ALLOWED}  # fmt: skip
+    lost = [
+        {
+            "scene": one["scene"],
+            **{key: row[key] for key in ("damping", "stiffness")},
+            "step": largest_bounded_step(one["scene"], row["damping"], row["stiffness"]),
+        }
+        for one in maps
+        for row in one["rows"]
+        if not row["bounded"]
+    ]
+    return {
+        "maps": maps,
+        "lost": lost,
+        "errors": error_map(),
+        "over_step": error_over_step(),
+        "histories": histories(),
+        "step": STEP,
+        "duration": DURATION,
+        "allowed": ALLOWED,
+    }
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -155,8 +200,15 @@ def _draw_gains(ax, one: dict, allowed: float):
     """The gain of every run as a colour; runs that are lost as crosses."""
     kept, lost = ([row for row in one["rows"] if row["bounded"] == bounded] for bounded in (True, False))
     ratio = [max(row["gain"] / row["exact"], SMALLEST) for row in kept]
-    drawn = ax.scatter([r["damping"] for r in kept], [r["stiffness"] for r in kept], c=ratio, s=75, marker="s",
-                       norm=LogNorm(SMALLEST, allowed), cmap="viridis")  # fmt: skip
+    drawn = ax.scatter(
+        [r["damping"] for r in kept],
+        [r["stiffness"] for r in kept],
+        c=ratio,
+        s=75,
+        marker="s",
+        norm=LogNorm(SMALLEST, allowed),
+        cmap="viridis",
+    )
     if lost:
         ax.plot([r["damping"] for r in lost], [r["stiffness"] for r in lost], "x", ms=6, color=common.COLOURS[1], label="lost")
         ax.legend(loc="upper left")
@@ -166,8 +218,9 @@ def _draw_gains(ax, one: dict, allowed: float):
 
 
 def _draw_errors(figure, ax, rows, step: float) -> None:
-    d, k, e, known = (np.array([np.nan if r[key] is None else r[key] for r in rows]) for key in
-                      ("damping", "stiffness", "error", "known"))  # fmt: skip
+    d, k, e, known = (
+        np.array([np.nan if r[key] is None else r[key] for r in rows]) for key in ("damping", "stiffness", "error", "known")
+    )
     trusted = known <= 0.1 * e
     drawn = ax.scatter(d[trusted], k[trusted], c=e[trusted], s=75, marker="s", norm=LogNorm(1e-11, 1.0), cmap="viridis")
     ax.plot(d[~trusted], k[~trusted], "x", color=common.COLOURS[1])
@@ -181,8 +234,13 @@ def _draw_over_step(ax, rows) -> None:
         h, e = common.numbers(row["steps"]), common.numbers(row["errors"])
         ax.plot(h, e, "o", color=colour, label=f"d = {row['damping']:g}, order {row['order']:.2f} up to 1 ms")
         ax.plot(h, e[-1] * (h / h[-1]) ** 2, color=colour, lw=0.9)
-    ax.set(xscale="log", yscale="log", xlabel="step, s", ylabel="largest error within 1 s, m",
-           title=f"{ERROR_SCENE}, pushed; lines: order 2")  # fmt: skip
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="step, s",
+        ylabel="largest error within 1 s, m",
+        title=f"{ERROR_SCENE}, pushed; lines: order 2",
+    )
     ax.legend()
 
 
@@ -191,20 +249,26 @@ def _draw_histories(ax, data: dict) -> None:
     for row, colour in zip(data["histories"], common.COLOURS[1:]):
         ax.plot(row["times"], common.numbers(row["gain"]), ".-", lw=0.7, ms=3, color=colour, label=f"{1e3 * row['step']:g} ms")
     ax.axhline(data["histories"][0]["exact"], color=common.COLOURS[0], ls=":", label="largest kinetic energy, exact motion")
-    ax.set(xlabel="time, s", ylabel="energy gained, J (exact motion: never above 0)",
-           title=f"{HISTORY[0]}, d = {damping:g} N s/m, k = {stiffness:.0e} N/m")  # fmt: skip
+    ax.set(
+        xlabel="time, s",
+        ylabel="energy gained, J (exact motion: never above 0)",
+        title=f"{HISTORY[0]}, d = {damping:g} N s/m, k = {stiffness:.0e} N/m",
+    )
     ax.legend(loc="upper right", bbox_to_anchor=(1.0, 0.9))
 
 
 # ---------------------------------------------------------------------------------------------------------------- page
+
 
 def _gains(data: dict) -> str:
     """How many bounded runs gain something, and which gains most."""
     rows = [(row["gain"] / row["exact"], one["scene"], row) for one in data["maps"] for row in one["rows"] if row["bounded"]]
     gaining = sum(part > SMALLEST for part, _, _ in rows)
     part, scene, row = max(rows, key=lambda item: item[0])
-    return (f"{gaining} of them gain more than {SMALLEST:.0e} of the largest kinetic energy of the exact motion, the most "
-            f"{part:.2g} of it ({scene}, d = {row['damping']:g}, k = {row['stiffness']:.2g})")  # fmt: skip
+    return (
+        f"{gaining} of them gain more than {SMALLEST:.0e} of the largest kinetic energy of the exact motion, the most "
+        f"{part:.2g} of it ({scene}, d = {row['damping']:g}, k = {row['stiffness']:.2g})"
+    )
 
 
 def _lost(data: dict) -> tuple[str, str]:
@@ -213,13 +277,24 @@ def _lost(data: dict) -> tuple[str, str]:
     if not lost:
         return f"all {total} runs are bounded", ""
     places = ", ".join(sorted({row["scene"] for row in lost}))
-    verdict = (f"it is **not** bounded everywhere: {len(lost)} of {total} runs are lost, all in {places} at "
-               f"k ≥ {min(row['stiffness'] for row in lost):.2g} N/m")  # fmt: skip
-    rows = [[row["scene"], f"{row['damping']:g}", f"{row['stiffness']:.2g}",
-             "–" if row["step"] is None else f"{1e3 * row['step']:g}"] for row in lost]  # fmt: skip
+    verdict = (
+        f"it is **not** bounded everywhere: {len(lost)} of {total} runs are lost, all in {places} at "
+        f"k ≥ {min(row['stiffness'] for row in lost):.2g} N/m"
+    )
+    rows = [
+        [
+            row["scene"],
+            f"{row['damping']:g}",
+            f"{row['stiffness']:.2g}",
+            "–" if row["step"] is None else f"{1e3 * row['step']:g}",
+        ]
+        for row in lost
+    ]
     header = ["scene", "d, N s/m", "k, N/m", "largest bounded step, ms"]
-    meaning = (f"The step in the table is the largest of {1e3 * min(BOUND_STEPS):.2g} … {1e3 * max(BOUND_STEPS):g} ms, halved "
-               "each time, up to which all are bounded.")  # fmt: skip
+    meaning = (
+        f"The step in the table is the largest of {1e3 * min(BOUND_STEPS):.2g} … {1e3 * max(BOUND_STEPS):g} ms, halved "
+        "each time, up to which all are bounded."
+    )
     return verdict, f"{common.table(header, rows)}\n\n{meaning}"
 
 
@@ -229,8 +304,9 @@ def section(data: dict) -> str:
     trusted = [row["error"] for row in known if row["known"] <= 0.1 * row["error"]]
     unknown = len(data["errors"]) - len(trusted)
     crosses = f", but for {unknown} crosses, where neighbouring motions part too fast for that" if unknown else ""
-    orders = ", ".join(f"{row['order']:.2f} at d = {row['damping']:g} ({row['transitions']} transitions)"
-                       for row in data["over_step"])  # fmt: skip
+    orders = ", ".join(
+        f"{row['order']:.2f} at d = {row['damping']:g} ({row['transitions']} transitions)" for row in data["over_step"]
+    )
     scene, damping, stiffness = HISTORY
     return common.wrapped(f"""
 ## ROS2 at 1 ms where strings go slack and taut
@@ -238,13 +314,13 @@ def section(data: dict) -> str:
 ![ROS2's energy and error at a fixed step](figures/stability_fixed_cost.png)
 
 Linear theory bounds no step of ROS2, but a pushed scene whose strings go slack and taut is not linear, and there, at 1 ms
-for {data['duration']:g} s, {verdict} (a to c). Its error over three_bar's map runs from {min(trusted):.0e} m to
+for {data["duration"]:g} s, {verdict} (a to c). Its error over three_bar's map runs from {min(trusted):.0e} m to
 {max(trusted):.1g} m (d) and falls with the step at the order {orders} (e).
 
 {lost}
 
 Kinetic + potential + elastic energy less the forces' work never rises in an exact motion. A run is bounded if it finishes
-and gains at most {data['allowed']:g} times the largest kinetic energy of the exact motion; {_gains(data)}. One of the runs,
+and gains at most {data["allowed"]:g} times the largest kinetic energy of the exact motion; {_gains(data)}. One of the runs,
 {scene} at d = {damping:g} N s/m and k = {stiffness:.0e} N/m, is drawn over time, at three steps (f). Lines in e are order 2
 through the point of the smallest step. Pushed: {PUSH_UP:g} N up on the top nodes, {PUSH_ASIDE:g} N aside on one; tensions
 are the equilibrium's at every k, rest lengths follow. The exact motion is the kernel's `auto` at {TIGHT:g}, known to a tenth of

@@ -42,17 +42,24 @@ class Setting(NamedTuple):
 
 #: Held steps on the small breathing, which linear theory describes.
 HELD = (
-    *(Setting("rk4", n) for n in (20, 40, 80)), *(Setting("ros2", n) for n in (25, 50, 100)),
-    *(Setting("dop853", n) for n in (6, 8, 12)), *(Setting("rodas5p", n) for n in (10, 20, 40)),
-)  # fmt: skip
+    *(Setting("rk4", n) for n in (20, 40, 80)),
+    *(Setting("ros2", n) for n in (25, 50, 100)),
+    *(Setting("dop853", n) for n in (6, 8, 12)),
+    *(Setting("rodas5p", n) for n in (10, 20, 40)),
+)
 #: What is run on the motions beyond it.
 FREE = (
-    *(Setting("dop853", 0, tol) for tol in (1e-6, 1e-8, 1e-10)), *(Setting("rodas5p", 0, tol) for tol in (1e-6, 1e-8)),
-    *(Setting("radau9", 0, tol) for tol in (1e-6, 1e-8, 1e-10)), Setting("rk4", 40), Setting("rk4", 160), Setting("ros2", 100),
-)  # fmt: skip
+    *(Setting("dop853", 0, tol) for tol in (1e-6, 1e-8, 1e-10)),
+    *(Setting("rodas5p", 0, tol) for tol in (1e-6, 1e-8)),
+    *(Setting("radau9", 0, tol) for tol in (1e-6, 1e-8, 1e-10)),
+    Setting("rk4", 40),
+    Setting("rk4", 160),
+    Setting("ros2", 100),
+)
 
 
 # ------------------------------------------------------------------------------------------------------- the structure
+
 
 def prism_at_rest(prestress: float) -> Model:
     """The free prism of the benchmarks' problems at rest, its centre of mass at the origin; prestress: of the verticals, N."""
@@ -119,6 +126,7 @@ MOTIONS = {
 
 # ------------------------------------------------------------------------------------------------------- what is measured
 
+
 class Integrals(NamedTuple):
     """energy: J; linear: (3,) kg m/s; angular: (3,) kg m2/s about the origin."""
 
@@ -153,15 +161,26 @@ def run(moving: Motion, setting: Setting, periods: float = PERIODS, instants: in
         for until in np.unique(np.round(np.geomspace(1.0, periods, instants))):
             advance(kernel, until * moving.period, CALL * moving.period)
             now = integrals(model, kernel)
-            rows.append((until, (now.energy - start.energy) / kinetic, np.linalg.norm(now.linear - start.linear) / momentum,
-                         np.linalg.norm(now.angular - start.angular) / turning))  # fmt: skip
+            rows.append(
+                (
+                    until,
+                    (now.energy - start.energy) / kinetic,
+                    np.linalg.norm(now.linear - start.linear) / momentum,
+                    np.linalg.norm(now.angular - start.angular) / turning,
+                )
+            )
     except SimulationError as error:
         failed = str(error)
     else:
         failed = None
     names = ("periods", "energy", "linear", "angular")
-    return {**setting._asdict(), **dict(zip(names, zip(*rows))), "failed": failed, "step_count": kernel.stats["steps"],
-            "transitions": kernel.stats["transitions"]}  # fmt: skip
+    return {
+        **setting._asdict(),
+        **dict(zip(names, zip(*rows))),
+        "failed": failed,
+        "step_count": kernel.stats["steps"],
+        "transitions": kernel.stats["transitions"],
+    }
 
 
 def advance(kernel: Kernel, until: float, longest: float) -> None:
@@ -171,6 +190,7 @@ def advance(kernel: Kernel, until: float, longest: float) -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------------- theory
+
 
 def tableau(method: str) -> dict[str, np.ndarray]:
     """The constant arrays of a method's tableau in the kernel, by name."""
@@ -235,8 +255,18 @@ def draw_errors(axes, runs: list[dict], name: str) -> None:
     for run in runs:
         nth = seen[run["method"]] = seen.get(run["method"], -1) + 1
         colour = COLOUR[run["method"]]
-        axes.plot(run["periods"], np.abs(common.numbers(run[name])), MARKERS[nth], color=colour, ms=2.5,
-                  mfc="none" if nth else colour, mew=0.7, label=label(run), rasterized=True, zorder=3)  # fmt: skip
+        axes.plot(
+            run["periods"],
+            np.abs(common.numbers(run[name])),
+            MARKERS[nth],
+            color=colour,
+            ms=2.5,
+            mfc="none" if nth else colour,
+            mew=0.7,
+            label=label(run),
+            rasterized=True,
+            zorder=3,
+        )
         if name == "energy" and "theory" in run:
             axes.plot(run["periods"], np.abs(common.numbers(run["theory"])), color=colour, lw=0.9, zorder=2.5)
     axes.set(xscale="log", yscale="log")
@@ -262,14 +292,19 @@ def draw(data: dict) -> Figure:
                 reference_growth(axes, moving["runs"][0]["periods"], 1e-15)
                 axes.set(ylim=(1e-17, 1e-9), xlabel="time, periods")
         row[0].set_ylabel(f"relative error of the {name}")
-    panels[2, 0].legend(handles=[Line2D([], [], color=common.COLOURS[0], ls=ls, label=text)
-                                 for ls, text in (("-", "grows as √t"), ("--", "grows as t"))])  # fmt: skip
+    panels[2, 0].legend(
+        handles=[
+            Line2D([], [], color=common.COLOURS[0], ls=ls, label=text)
+            for ls, text in (("-", "grows as √t"), ("--", "grows as t"))
+        ]
+    )
     for axes, side, runs in ((panels[0, 0], "left", "left column"), (panels[0, 1], "right", "other columns")):
         figure.legend(*axes.get_legend_handles_labels(), loc=f"outside lower {side}", ncols=3, title=runs, title_fontsize=7)
     return figure
 
 
 # ------------------------------------------------------------------------------------------------------------------ page
+
 
 def off_theory(runs: list[dict], method: str) -> float:
     """The largest relative difference from theory, of errors above 1e-6 and below a half."""
@@ -305,9 +340,18 @@ def section(data: dict) -> str:
     for moving in motions.values():
         for run in moving["runs"]:
             theory = f"{run['theory'][-1]:.2e}" if "theory" in run else "–"
-            rows.append([moving["title"], label(run), f"{run['step_count'] / data['periods']:.1f}", f"{run['transitions']}",
-                         f"{run['energy'][-1]:.2e}", theory, f"{run['angular'][-1]:.0e}",
-                         f"{run['linear'][-1]:.0e}"])  # fmt: skip
+            rows.append(
+                [
+                    moving["title"],
+                    label(run),
+                    f"{run['step_count'] / data['periods']:.1f}",
+                    f"{run['transitions']}",
+                    f"{run['energy'][-1]:.2e}",
+                    theory,
+                    f"{run['angular'][-1]:.0e}",
+                    f"{run['linear'][-1]:.0e}",
+                ]
+            )
     header = ["motion", "run", "steps per period", "transitions", "energy", "theory", "angular momentum", "linear momentum"]
     others = max(off_theory(linear, method) for method in ("rk4", "dop853", "rodas5p"))
     return common.wrapped(f"""

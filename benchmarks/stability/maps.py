@@ -97,6 +97,7 @@ def largest_stable_step(model: Model, method: str, limits=(1e-7, 1.0)) -> float:
 
 # ----------------------------------------------------------------------------------------------------- what is measured
 
+
 def theory(model: Model, parameter: str, count: int) -> dict:
     """The spectrum and the boundary of every method over the parameter's range."""
     values = np.geomspace(*RANGE[parameter], count)
@@ -114,8 +115,13 @@ def measured(model: Model, parameter: str, method: str, columns: int, rows: int,
     found = []
     for value in chosen:
         here = at(model, parameter, value)
-        found.append({"value": value, "step": largest_stable_step(here, method),
-                      "theory": boundary(METHODS[method].stability, eigenvalues(here))})  # fmt: skip
+        found.append(
+            {
+                "value": value,
+                "step": largest_stable_step(here, method),
+                "theory": boundary(METHODS[method].stability, eigenvalues(here)),
+            }
+        )
     return {"values": values, "steps": steps, "stable": stable, "largest": found}
 
 
@@ -125,8 +131,15 @@ def measure(columns: int = 16, rows: int = 21, points: int = 11, count: int = 81
         model = base(scene)
         for parameter in RANGE:
             runs = {name: measured(model, parameter, name, columns, rows, points) for name in MEASURED}
-            maps.append({"scene": scene, "parameter": parameter, "theory": theory(model, parameter, count), "methods": runs,
-                         "held": HELD if parameter == "stiffness" else float(model.stiffness[0])})  # fmt: skip
+            maps.append(
+                {
+                    "scene": scene,
+                    "parameter": parameter,
+                    "theory": theory(model, parameter, count),
+                    "methods": runs,
+                    "held": HELD if parameter == "stiffness" else float(model.stiffness[0]),
+                }
+            )
     return {"maps": maps, "run": RUN, "span": SPAN, "growth": GROWTH, "hair": HAIR}
 
 
@@ -195,6 +208,7 @@ def _legends(axes) -> None:
 
 # ---------------------------------------------------------------------------------------------------------------- page
 
+
 def _rk4_rows(maps: list[dict]) -> list[list[str]]:
     """Rows of the page's table: the largest stable step at the decades of each parameter."""
     rows = []
@@ -237,8 +251,8 @@ on the edge |R(hλ)| = 1 of its stability region (line): measured within {100 * 
 {common.table(["scene", "at", "theory, ms", "measured, ms"], _rk4_rows(maps))}
 
 The table is RK4's. k is the scene's while d changes, d = {HELD:g} N s/m while k changes, tensions are the equilibrium's
-throughout. A run begins {data['hair']:g} m from the equilibrium and counts as unstable if that distance grows
-{data['growth']:g}-fold within {data['run']} steps or {data['span']:g} s, whichever is longer: a disturbance that grows by
+throughout. A run begins {data["hair"]:g} m from the equilibrium and counts as unstable if that distance grows
+{data["growth"]:g}-fold within {data["run"]} steps or {data["span"]:g} s, whichever is longer: a disturbance that grows by
 less than {100 * per_step:.2g} % a step and more slowly than at {per_second:.0f}/s is not seen.
 
 ROS2 is the method of Verwer, Spee, Blom and Hundsdorfer, "A second-order Rosenbrock method applied to photochemical

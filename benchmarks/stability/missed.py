@@ -53,6 +53,7 @@ class Graze(NamedTuple):
 
 # -------------------------------------------------------------------------------------------------------------- problems
 
+
 def scaled(problem: problems.Problem, factor: float, duration: float) -> problems.Problem:
     return replace(problem, name=f"{problem.name}*{factor:.12g}", force=factor * problem.force, duration=duration)
 
@@ -101,6 +102,7 @@ def grazes() -> list[Graze]:
 
 # --------------------------------------------------------------------------------------------------------------- solvers
 
+
 def run_ours(problem: problems.Problem, method: str, tolerance: float) -> Found:
     kernel = Kernel(problem.model, method=method, tolerance=tolerance)
     kernel["force"][:] = problem.kernel_force
@@ -145,6 +147,7 @@ def short(method: str) -> str:
 
 # --------------------------------------------------------------------------------------------------------------- measure
 
+
 def measure_grazes(tools: toolchain.Tools, folder: Path) -> dict:
     cases = grazes()
     runs: dict[str, list] = {}
@@ -152,11 +155,15 @@ def measure_grazes(tools: toolchain.Tools, folder: Path) -> dict:
         for name, run in contenders(case.problem, tools, folder / f"graze{number}").items():
             runs.setdefault(name, []).append([run(tolerance) for tolerance in TOLERANCES])
     return {
-        "depth": [c.depth for c in cases], "seconds": [c.seconds for c in cases], "curvature": [c.curvature for c in cases],
+        "depth": [c.depth for c in cases],
+        "seconds": [c.seconds for c in cases],
+        "curvature": [c.curvature for c in cases],
         "found": {name: [[one.transitions for one in row] for row in rows] for name, rows in runs.items()},
-        "step": {name: [DURATION / max(np.median([row[k].steps for row in rows]), 1) for k in range(len(TOLERANCES))]
-                 for name, rows in runs.items()},
-    }  # fmt: skip
+        "step": {
+            name: [DURATION / max(np.median([row[k].steps for row in rows]), 1) for k in range(len(TOLERANCES))]
+            for name, rows in runs.items()
+        },
+    }
 
 
 def measure_pushed(tools: toolchain.Tools, folder: Path) -> list[dict]:
@@ -166,8 +173,10 @@ def measure_pushed(tools: toolchain.Tools, folder: Path) -> list[dict]:
         truth = {run_ours(problem, m, 1e-12).transitions for m in ("dop853", "radau9")}
         if len(truth) != 1:
             raise RuntimeError(f"d = {damping:g}: the reference runs disagree: {truth}")
-        counts = {name: [run(tolerance).transitions for tolerance in TOLERANCES]
-                  for name, run in contenders(problem, tools, folder / f"pushed{damping:g}").items()}  # fmt: skip
+        counts = {
+            name: [run(tolerance).transitions for tolerance in TOLERANCES]
+            for name, run in contenders(problem, tools, folder / f"pushed{damping:g}").items()
+        }
         rows.append({"damping": damping, "transitions": truth.pop(), "found": counts})
     return rows
 
@@ -175,15 +184,25 @@ def measure_pushed(tools: toolchain.Tools, folder: Path) -> list[dict]:
 def measure() -> dict:
     with scratch() as folder:
         tools = toolchain.build(folder)
-        return {"scene": SCENE, "damping": DAMPING, "duration": DURATION, "tolerances": TOLERANCES, "sundials": tools.sundials,
-                "grazes": measure_grazes(tools, folder), "pushed": measure_pushed(tools, folder)}  # fmt: skip
+        return {
+            "scene": SCENE,
+            "damping": DAMPING,
+            "duration": DURATION,
+            "tolerances": TOLERANCES,
+            "sundials": tools.sundials,
+            "grazes": measure_grazes(tools, folder),
+            "pushed": measure_pushed(tools, folder),
+        }
 
 
 # ---------------------------------------------------------------------------------------------------------------- figure
 
 #: What a run is: its mark, the mark's size and colour.
-MARKS = {"right": ("o", 1.8, common.COLOURS[2]), "missed": ("x", 2.4, common.COLOURS[1]),
-         "too many": ("^", 3.0, common.COLOURS[5])}  # fmt: skip
+MARKS = {
+    "right": ("o", 1.8, common.COLOURS[2]),
+    "missed": ("x", 2.4, common.COLOURS[1]),
+    "too many": ("^", 3.0, common.COLOURS[5]),
+}
 
 
 def verdicts(data: dict, name: str) -> dict[str, np.ndarray]:
@@ -215,10 +234,14 @@ def draw(data: dict) -> Figure:
     for axes in panels[:, 0]:
         axes.set_ylabel("depth of the excursion, m")
     labels = {"right": "both transitions found", "missed": "fewer than two: missed", "too many": "more than two"}
-    marks = [Line2D([], [], color=colour, marker=mark, ls="", ms=1.6 * size, label=labels[verdict])
-             for verdict, (mark, size, colour) in MARKS.items()]  # fmt: skip
-    marks += [Line2D([], [], color=common.COLOURS[0], label="slack for one mean step: a h²/8"),
-             Line2D([], [], color=common.COLOURS[0], ls=":", label="depth = tolerance × 1 m")]  # fmt: skip
+    marks = [
+        Line2D([], [], color=colour, marker=mark, ls="", ms=1.6 * size, label=labels[verdict])
+        for verdict, (mark, size, colour) in MARKS.items()
+    ]
+    marks += [
+        Line2D([], [], color=common.COLOURS[0], label="slack for one mean step: a h²/8"),
+        Line2D([], [], color=common.COLOURS[0], ls=":", label="depth = tolerance × 1 m"),
+    ]
     for axes in panels.flat[len(names) :]:
         axes.set_axis_off()
     (panels.flat[len(names)] if len(names) < panels.size else panels.flat[0]).legend(handles=marks, loc="center")
@@ -226,6 +249,7 @@ def draw(data: dict) -> Figure:
 
 
 # ------------------------------------------------------------------------------------------------------------------ page
+
 
 def resolved(data: dict) -> np.ndarray:
     """(graze, tolerance) bool: the excursion is deeper than the tolerance (times 1 m), so that the solution can show it."""
@@ -275,20 +299,38 @@ def section(data: dict) -> str:
     names = list(data["grazes"]["found"])
     tallies = {name: tally(data, name) for name in names}
     ours = [t for name, t in tallies.items() if name.startswith("ours")]
-    header = ["solver", "missed", "too many", "most transitions found", "deepest missed, m",
-              "tightest tolerance of a miss that ours finds", "found, not by ours"]  # fmt: skip
+    header = [
+        "solver",
+        "missed",
+        "too many",
+        "most transitions found",
+        "deepest missed, m",
+        "tightest tolerance of a miss that ours finds",
+        "found, not by ours",
+    ]
     header += [f"d = {row['damping']:g}: all {row['transitions']} from" for row in data["pushed"]]
     rows = []
     for name, t in tallies.items():
-        row = [name, f"{t.missed} of {t.all}", str(t.too_many), str(t.most), number(t.deepest, ".1e"), number(t.tightest),
-               str(t.ahead)]  # fmt: skip
+        row = [
+            name,
+            f"{t.missed} of {t.all}",
+            str(t.too_many),
+            str(t.most),
+            number(t.deepest, ".1e"),
+            number(t.tightest),
+            str(t.ahead),
+        ]
         for pushed in data["pushed"]:
             row.append(from_on(data["tolerances"], pushed["found"][name], pushed["transitions"]))
         rows.append(row)
-    others = {family: max((t for name, t in tallies.items() if name.split()[0] == family), key=lambda t: t.missed)
-              for family in dict.fromkeys(name.split()[0] for name in names if not name.startswith("ours"))}  # fmt: skip
-    worst = "; ".join(f"{family}'s up to {t.missed} (as deep as {number(t.deepest)} m, and still at {number(t.tightest)})"
-                      for family, t in others.items())  # fmt: skip
+    others = {
+        family: max((t for name, t in tallies.items() if name.split()[0] == family), key=lambda t: t.missed)
+        for family in dict.fromkeys(name.split()[0] for name in names if not name.startswith("ours"))
+    }
+    worst = "; ".join(
+        f"{family}'s up to {t.missed} (as deep as {number(t.deepest)} m, and still at {number(t.tightest)})"
+        for family, t in others.items()
+    )
     depth = data["grazes"]["depth"]
     return common.wrapped(f"""
 ## Missed events

@@ -73,13 +73,22 @@ def model_at(c: Case, u: float, held: float | None = None) -> Model:
     if c.series:
         strings["winder"] = {"nodes": ["tip", "drum"], "stiffness": c.series}
         rest["winder"] = GAP - held
-    return build_model(parse_scene({
-        "name": "one_beam", "plane": "xy", "gravity": 0.0, "start": "released", "fixed": ["pin", "wall", "drum"],
-        "nodes": {"pin": [0.0, 0.0], "tip": [0.0, LEVER], "wall": [-GAP, LEVER], "drum": [GAP, LEVER]},
-        "bars": {"lever": {"nodes": ["pin", "tip"], "mass": 3.0 * c.mass}},
-        "nsh": {"one": {"Q": [Q], "zeta": [ZETA], "h": [H]}},
-        "strings": strings, "prestress": {"rest_length": rest},
-    }))  # fmt: skip
+    return build_model(
+        parse_scene(
+            {
+                "name": "one_beam",
+                "plane": "xy",
+                "gravity": 0.0,
+                "start": "released",
+                "fixed": ["pin", "wall", "drum"],
+                "nodes": {"pin": [0.0, 0.0], "tip": [0.0, LEVER], "wall": [-GAP, LEVER], "drum": [GAP, LEVER]},
+                "bars": {"lever": {"nodes": ["pin", "tip"], "mass": 3.0 * c.mass}},
+                "nsh": {"one": {"Q": [Q], "zeta": [ZETA], "h": [H]}},
+                "strings": strings,
+                "prestress": {"rest_length": rest},
+            }
+        )
+    )
 
 
 class Path(NamedTuple):
@@ -133,6 +142,7 @@ def crossing(path: Path, level: float) -> float:
 
 
 # -------------------------------------------------------------------------------------------------------------- theory
+
 
 def growth(delta, ratio=0.0):
     """Largest root r / sqrt(kappa/m) about u = h (its real part); ratio: k_s / kappa."""
@@ -194,5 +204,5 @@ def jump_under_winding(series: float) -> tuple[float, float, float, float]:
     from there meets the curve again (m, N, m, N)."""
     curvature = 3.0 * Q * ZETA / H**3
     leaves = H - math.sqrt((KAPPA - series) / curvature)
-    lands = H + 2.0 * (H - leaves)    # a cubic: the tangent at h - a meets it again at h + 2a
+    lands = H + 2.0 * (H - leaves)  # a cubic: the tangent at h - a meets it again at h + 2a
     return leaves, float(force(leaves)), lands, float(force(lands))

@@ -175,8 +175,15 @@ def draw_work(axes, case: dict) -> None:
     for located in (True, False):
         for curve in chosen(case, located, "tolerance"):
             name = curve["method"]
-            axes.plot(curve["rhs"], common.numbers(curve["error"]), MARKER[name], color=COLOUR[name], ms=3,
-                      mfc=COLOUR[name] if located else "none", mew=0.8)  # fmt: skip
+            axes.plot(
+                curve["rhs"],
+                common.numbers(curve["error"]),
+                MARKER[name],
+                color=COLOUR[name],
+                ms=3,
+                mfc=COLOUR[name] if located else "none",
+                mew=0.8,
+            )
     axes.set(xscale="log", yscale="log", ylim=(1e-14, 1.0), xlabel="right-hand sides, over tolerances of 1e-2 … 1e-12")
 
 
@@ -192,14 +199,17 @@ def draw(data: dict) -> Figure:
         row[0].set(title=f"{head}: located", ylabel="largest error of the nodes, m")
         row[1].set_title(f"stepped across; line: order {limit}")
         row[2].set_title("filled: located; open: stepped across")
-    marks = [Line2D([], [], color=COLOUR[m], marker=MARKER[m], ls="-", mfc="none", label=f"{m} (line, left: order {p})")
-             for m, p in LOCATED.items()]  # fmt: skip
+    marks = [
+        Line2D([], [], color=COLOUR[m], marker=MARKER[m], ls="-", mfc="none", label=f"{m} (line, left: order {p})")
+        for m, p in LOCATED.items()
+    ]
     marks.append(Line2D([], [], color=COLOUR["auto"], marker=MARKER["auto"], ls="", label="auto"))
     figure.legend(handles=marks, loc="outside lower center", ncols=len(marks))
     return figure
 
 
 # ---------------------------------------------------------------------------------------------------------------- page
+
 
 def best(case: dict, located: bool) -> float:
     """The smallest error of any run with a held step, m."""
@@ -227,8 +237,12 @@ def counted(case: dict, located: bool) -> tuple[int, int]:
 
 def shortfall(cases: list[dict]) -> float:
     """How far the slope of a method other than radau9 is from its order at most, located."""
-    return max(abs(value - ORDERS[method]) for case in cases for method, value in slopes(case, True).items()
-               if method != "radau9" and value is not None)  # fmt: skip
+    return max(
+        abs(value - ORDERS[method])
+        for case in cases
+        for method, value in slopes(case, True).items()
+        if method != "radau9" and value is not None
+    )
 
 
 def section(data: dict) -> str:
@@ -255,8 +269,8 @@ def section(data: dict) -> str:
 ![Error against step with and without location of the transitions](figures/stability_order.png)
 
 Where strings go slack and taut the force jumps (d > 0) or bends (d = 0), and a method that steps across falls from its own
-order to {jump['limit']} or {kink['limit']} (middle: slopes {min(across):.1f} to {max(across):.1f} and {min(bent):.1f} to
-{max(bent):.1f}); on the pushed {data['scene']} at d = {jump['damping']:g} N s/m no held step comes below
+order to {jump["limit"]} or {kink["limit"]} (middle: slopes {min(across):.1f} to {max(across):.1f} and {min(bent):.1f} to
+{max(bent):.1f}); on the pushed {data["scene"]} at d = {jump["damping"]:g} N s/m no held step comes below
 {best(jump, False):.0e} m. Located (left), rk4, ros2, dop853 and rodas5p have slopes within {shortfall([jump, kink]):.1f} of
 their order, radau9 has {radau}, and errors fall to {best(jump, True):.0e} m.
 
@@ -264,15 +278,15 @@ their order, radau9 has {radau}, and errors fall to {best(jump, True):.0e} m.
 
 A transition ends a step inside, on the dense output. That leaves the others their order, but radau9's is a polynomial wrong
 by h⁶: this method has order 9 between transitions only, and towards small steps 6 (its lines; at
-d = {jump['damping']:g} its errors still fall faster than that).
+d = {jump["damping"]:g} its errors still fall faster than that).
 
 Step size control buys the accuracy back by steps that shrink onto each jump, at {min(cost):.1f} to {max(cost):.1f} times the
 right-hand sides for {TARGET:.0e} m (right; no order can be read there, since tolerances do not hold a step); located,
-{found[0]} of the {found[1]} runs with a tolerance of 1e-2 … 1e-12 find all {jump['transitions']} transitions of
-{jump['duration']:g} s.
+{found[0]} of the {found[1]} runs with a tolerance of 1e-2 … 1e-12 find all {jump["transitions"]} transitions of
+{jump["duration"]:g} s.
 
 Slopes are those of log error on log step, by least squares over the errors below 3e-3 m (across: 0.3 m) that the reference
-can judge (dop853 at 1e-13; radau9's differs from it by {jump['doubt']:.0e} m, at d = 0 by {kink['doubt']:.0e} m). Steps are
+can judge (dop853 at 1e-13; radau9's differs from it by {jump["doubt"]:.0e} m, at d = 0 by {kink["doubt"]:.0e} m). Steps are
 held at max_step; methods with a tolerance have one of {LOOSE:g} then, which leaves max_step in charge, and radau9, whose
 iteration a loose one would end early, where transitions are located {LOOSE:g} times the sixth power of the step over the
 largest one. Errors of runs that step across scatter, since they depend on where in a step each transition falls.

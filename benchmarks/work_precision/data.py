@@ -12,8 +12,20 @@ TARGET = 1e-8
 #: What the rungs of a ladder have in common.  cut: tighter settings were left out because of the time limit.
 KEY = ("problem", "family", "method", "events", "kind", "cut")
 #: Of each rung.  ms_per_s: median over its runs, ms_least: the least, both per simulated second.
-COLUMNS = ("setting", "error", "energy_error", "ms_per_s", "ms_least", "runs", "steps", "rejected", "rhs", "jacobians",
-           "transitions", "failure")  # fmt: skip
+COLUMNS = (
+    "setting",
+    "error",
+    "energy_error",
+    "ms_per_s",
+    "ms_least",
+    "runs",
+    "steps",
+    "rejected",
+    "rhs",
+    "jacobians",
+    "transitions",
+    "failure",
+)
 
 
 def metres(error: float) -> str:

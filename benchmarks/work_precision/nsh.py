@@ -71,8 +71,14 @@ def measure(tools: Tools, folder: Path, rounds: int) -> list[dict]:
 
 
 def _row(scene: str, damping: float, case: Case) -> dict:
-    return {"scene": scene, "damping": damping, "push": case.push, "tolerance": case.tolerance,
-            "transitions": case.transitions, "ms": float(f"{1e3 * min(case.seconds):.4g}")}  # fmt: skip
+    return {
+        "scene": scene,
+        "damping": damping,
+        "push": case.push,
+        "tolerance": case.tolerance,
+        "transitions": case.transitions,
+        "ms": float(f"{1e3 * min(case.seconds):.4g}"),
+    }
 
 
 @dataclass(frozen=True)
@@ -106,6 +112,7 @@ def costs(runs: list[dict], damping: float) -> tuple[Cost | None, Cost | None]:
         return None, None
     busy = [
         (1e3 * (a["ms"] - second.plain) / a["transitions"], 1e3 * (b["ms"] - second.nsh) / b["transitions"])
-        for a, b in pairs if a["transitions"] and b["transitions"] and abs(a["push"]) >= min(LARGE)
-    ]  # fmt: skip
+        for a, b in pairs
+        if a["transitions"] and b["transitions"] and abs(a["push"]) >= min(LARGE)
+    ]
     return second, _cost([(a, b) for a, b in busy if a > 0.0 and b > 0.0])

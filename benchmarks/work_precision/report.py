@@ -16,11 +16,14 @@ COMMAND = "python -m benchmarks.work_precision.run --redraw"
 #: Errors, m, at which free flight and MuJoCo's problem are compared.
 FLIGHT, MUJOCO = 1e-7, (1e-4, 1e-6)
 TABLES = {
-    "ARKODE_CASH_KARP_6_4_5": "Cash-Karp 5(4)", "ARKODE_DORMAND_PRINCE_7_4_5": "Dormand-Prince 5(4)",
-    "ARKODE_VERNER_8_5_6": "Verner 6(5)", "ARKODE_FEHLBERG_13_7_8": "Fehlberg 8(7)",
-    "ARKODE_ESDIRK436L2SA_6_3_4": "ESDIRK 4(3)", "ARKODE_ESDIRK547L2SA2_7_4_5": "ESDIRK 5(4)",
+    "ARKODE_CASH_KARP_6_4_5": "Cash-Karp 5(4)",
+    "ARKODE_DORMAND_PRINCE_7_4_5": "Dormand-Prince 5(4)",
+    "ARKODE_VERNER_8_5_6": "Verner 6(5)",
+    "ARKODE_FEHLBERG_13_7_8": "Fehlberg 8(7)",
+    "ARKODE_ESDIRK436L2SA_6_3_4": "ESDIRK 4(3)",
+    "ARKODE_ESDIRK547L2SA2_7_4_5": "ESDIRK 5(4)",
     "ARKODE_KVAERNO_7_4_5": "Kvaerno 5(4)",
-}  # fmt: skip
+}
 
 
 def label(row: dict) -> str:
@@ -72,6 +75,7 @@ def closest(rows: list[dict], who: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------- each figure
 
+
 def scene_text(result: dict, scene: str) -> str:
     rows, names = result["rows"], [name for name, about in result["problems"].items() if about["figure"] == scene]
     own = [best["ms_least"] for name in names if (best := fastest(rows, name, **AUTO))]
@@ -80,19 +84,25 @@ def scene_text(result: dict, scene: str) -> str:
     reached = f"{sum(fastest(rows, name, **across) is not None for name in tried)} of {len(tried)}"
     longer = times(ratios(rows, names, across, located), " and then takes {} times as long as with root finding")
     article = [row for row in rows if row["problem"] in names and row["family"] == "article"]
-    return " ".join([
-        sentence(
-            times(own, f"to come within {metres(TARGET)}, `auto` needs {{}} ms per simulated second"),
-            times(ratios(rows, names, SUNDIALS, AUTO), "the fastest run of SUNDIALS takes {} times as long"),
-            times(ratios(rows, names, SCIPY, AUTO), "the fastest of SciPy over the same compiled right-hand side {} times"),
-        ),
-        sentence(
-            f"across the transitions (dotted), SUNDIALS gets there in {reached} panels{longer}" if tried else "",
-            closest(article, "the article's equations, by ode45's method or DOP853,"),
-        ),
-        sentence(times(ratios(rows, names, {"family": "article"}, AUTO, 1e-6),
-                       "where both reach 1e-6 m, the article's equations take {} times as long as `auto`")),
-    ])  # fmt: skip
+    return " ".join(
+        [
+            sentence(
+                times(own, f"to come within {metres(TARGET)}, `auto` needs {{}} ms per simulated second"),
+                times(ratios(rows, names, SUNDIALS, AUTO), "the fastest run of SUNDIALS takes {} times as long"),
+                times(ratios(rows, names, SCIPY, AUTO), "the fastest of SciPy over the same compiled right-hand side {} times"),
+            ),
+            sentence(
+                f"across the transitions (dotted), SUNDIALS gets there in {reached} panels{longer}" if tried else "",
+                closest(article, "the article's equations, by ode45's method or DOP853,"),
+            ),
+            sentence(
+                times(
+                    ratios(rows, names, {"family": "article"}, AUTO, 1e-6),
+                    "where both reach 1e-6 m, the article's equations take {} times as long as `auto`",
+                )
+            ),
+        ]
+    )
 
 
 def flight_text(result: dict, name: str) -> str:
@@ -101,17 +111,25 @@ def flight_text(result: dict, name: str) -> str:
     drift = [row for row in rows if row["family"] == "kernel" and row.get("energy_error")]
     kept = min(drift, key=lambda row: row["energy_error"], default=None)
     first = f"{about['duration']:g} s of spinning, breathing and drifting without dampers"
-    return " ".join([
-        sentence(
-            f"{first}: for {metres(FLIGHT)} {label(own)} needs {own['ms_least']:.2g} ms per simulated second" if own else first,
-            times(ratios(rows, [name], SUNDIALS, OWN, FLIGHT), "the fastest run of SUNDIALS takes {} times as long"),
-            times(ratios(rows, [name], SCIPY, OWN, FLIGHT), "the fastest of SciPy {} times"),
-        ),
-        sentence(f"without dampers the energy is constant: within the time limit of {about['limit']:g} s, {label(kept)} keeps "
-                 f"it to {kept['energy_error']:.2g} of its amount" if kept else ""),
-        "No string goes slack, so nobody looks for transitions; at loose tolerances the others let the bars stretch, and some "
-        "of their runs end there.",
-    ])  # fmt: skip
+    return " ".join(
+        [
+            sentence(
+                f"{first}: for {metres(FLIGHT)} {label(own)} needs {own['ms_least']:.2g} ms per simulated second"
+                if own
+                else first,
+                times(ratios(rows, [name], SUNDIALS, OWN, FLIGHT), "the fastest run of SUNDIALS takes {} times as long"),
+                times(ratios(rows, [name], SCIPY, OWN, FLIGHT), "the fastest of SciPy {} times"),
+            ),
+            sentence(
+                f"without dampers the energy is constant: within the time limit of {about['limit']:g} s, {label(kept)} keeps "
+                f"it to {kept['energy_error']:.2g} of its amount"
+                if kept
+                else ""
+            ),
+            "No string goes slack, so nobody looks for transitions; at loose tolerances the others let the bars stretch, and some "
+            "of their runs end there.",
+        ]
+    )
 
 
 def order(rows: list[dict]) -> float | None:
@@ -131,15 +149,19 @@ def mujoco_text(result: dict, name: str) -> str:
     methods = dict.fromkeys(row["method"] for row in mujoco)
     orders = {method: order([row for row in mujoco if row["method"] == method]) for method in methods}
     measured = ", ".join(f"{method} {p:.1f}" for method, p in orders.items() if p is not None)
-    return " ".join([
-        sentence(
-            "on a problem that MuJoCo can state (no dampers, so forces do not jump at the "
-            f"{result['problems'][name]['transitions']} transitions)"
-            + (f", `auto` is the measure: MuJoCo's fastest integrator takes {longer}" if longer else ""),
-        ),
-        sentence(f"measured orders of its integrators across the kinks: {measured}" if measured else "",
-                 closest(mujoco, "all its runs together") if mujoco else ""),
-    ])  # fmt: skip
+    return " ".join(
+        [
+            sentence(
+                "on a problem that MuJoCo can state (no dampers, so forces do not jump at the "
+                f"{result['problems'][name]['transitions']} transitions)"
+                + (f", `auto` is the measure: MuJoCo's fastest integrator takes {longer}" if longer else ""),
+            ),
+            sentence(
+                f"measured orders of its integrators across the kinks: {measured}" if measured else "",
+                closest(mujoco, "all its runs together") if mujoco else "",
+            ),
+        ]
+    )
 
 
 def figure_text(result: dict, figure: str) -> str:
@@ -149,6 +171,7 @@ def figure_text(result: dict, figure: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------- tables
+
 
 def _time(row: dict | None) -> str:
     return f"{row['ms_least']:.3g} ({label(row)}; {row['rhs']})" if row else "–"
@@ -178,8 +201,20 @@ def ratio_table(result: dict) -> str:
             peer = fastest(rows, name, **kind)
             cells += [_time(peer), _over(peer, auto)]
         lines.append(cells)
-    head = ["d, N s/m", "`auto`", "our best other", "`auto` / it", "best SUNDIALS, all set-ups", "/ `auto`",
-            "best SUNDIALS, plain set-up", "/ `auto`", "best CVODE", "/ `auto`", "best SciPy", "/ `auto`"]  # fmt: skip
+    head = [
+        "d, N s/m",
+        "`auto`",
+        "our best other",
+        "`auto` / it",
+        "best SUNDIALS, all set-ups",
+        "/ `auto`",
+        "best SUNDIALS, plain set-up",
+        "/ `auto`",
+        "best CVODE",
+        "/ `auto`",
+        "best SciPy",
+        "/ `auto`",
+    ]
     return table(head, lines)
 
 
@@ -228,10 +263,14 @@ def nsh_table(result: dict) -> str:
 
 # --------------------------------------------------------------------------------------------------------------- the page
 
+
 def missing(result: dict) -> list[str]:
     tools = {"sundials": "SUNDIALS (libsundials-dev)", "mujoco": "MuJoCo"}
-    return [f"**{what} was not installed: its runs are missing.**" for name, what in tools.items()
-            if result["machine"][name] == "missing"]  # fmt: skip
+    return [
+        f"**{what} was not installed: its runs are missing.**"
+        for name, what in tools.items()
+        if result["machine"][name] == "missing"
+    ]
 
 
 def witnesses(result: dict) -> str:

@@ -118,17 +118,31 @@ def measure(
                 continue
             repetitions = int(np.clip(TURN / entry.seconds[0], 1, MOST_REPETITIONS))
             entry.seconds += entry.ladder.measure(entry.setting, repetitions, limit).seconds
-    about = {"figure": problem.figure, "title": problem.title, "duration": problem.duration, "limit": limit,
-             "smooth": problem.smooth, "reference_difference": apart,
-             "transitions": exact.counts["transitions"], "rhs_ns": float(f"{1e9 * bench.rhs_seconds():.4g}")}  # fmt: skip
+    about = {
+        "figure": problem.figure,
+        "title": problem.title,
+        "duration": problem.duration,
+        "limit": limit,
+        "smooth": problem.smooth,
+        "reference_difference": apart,
+        "transitions": exact.counts["transitions"],
+        "rhs_ns": float(f"{1e9 * bench.rhs_seconds():.4g}"),
+    }
     return [row(problem, entry, exact) for entry in entries], about
 
 
 def row(problem: problems.Problem, entry: Entry, exact: Run) -> dict:
     """One rung as data."""
     run, ladder = entry.run, entry.ladder
-    found = {"problem": problem.name, "family": ladder.family, "method": ladder.method, "events": ladder.events,
-             "kind": ladder.kind, "cut": entry.cut, "setting": entry.setting}  # fmt: skip
+    found = {
+        "problem": problem.name,
+        "family": ladder.family,
+        "method": ladder.method,
+        "events": ladder.events,
+        "kind": ladder.kind,
+        "cut": entry.cut,
+        "setting": entry.setting,
+    }
     error = None
     if run.failure is None:
         difference = deviation(run, exact, problem)

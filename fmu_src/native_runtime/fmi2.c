@@ -51,9 +51,9 @@ static fmi2Status in_order(instance *fmu, int modes, fmi2Status otherwise, const
     return otherwise == fmi2Error || fmu->mode == FMU_ERROR ? error(fmu, what, why) : refuse(fmu, what, why);
 }
 
-#define REQUIRE(component, modes, otherwise)                                \
-    instance *fmu = (instance *)component;                                  \
-    fmi2Status order_status = in_order(fmu, modes, otherwise, __func__);    \
+#define REQUIRE(component, modes, otherwise)                             \
+    instance *fmu = (instance *)component;                               \
+    fmi2Status order_status = in_order(fmu, modes, otherwise, __func__); \
     if (order_status != fmi2OK) return order_status
 
 #define REQUIRE_POINTER(pointer) \
@@ -201,8 +201,9 @@ static void take_tolerance(instance *fmu, const char *what, double tolerance)
     }
     fmu->values[place] = tolerance < fmu->tolerance ? tolerance : fmu->tolerance;
     if (tolerance <= fmu->tolerance) return;
-    const char *form = "%s: the tolerance %s is looser than %s, which the promised accuracy needs and which is used; to loosen it, "
-                       "set solver.tolerance";
+    const char *form =
+        "%s: the tolerance %s is looser than %s, which the promised accuracy needs and which is used; to loosen it, "
+        "set solver.tolerance";
     fmu_log(fmu, LOG_WARNING, fmi2Warning, form, what, given, fmu_number(fmu->tolerance, own));
 }
 
@@ -419,8 +420,8 @@ static void log_events(const instance *fmu)
     int64_t count = ts_transition_count(fmu->sim);
     char time[32], meaning[80];
     for (int64_t i = 0; i < count && i < MAX_EVENTS; i++)
-        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s%s", string_name(fmu, t[i].string), (int)t[i].before,
-                (int)t[i].after, fmu_number(t[i].time, time), consequence(fmu, t + i, meaning));
+        fmu_log(fmu, LOG_EVENTS, fmi2OK, "string %s: piece %d -> %d at t = %s s%s", string_name(fmu, t[i].string),
+                (int)t[i].before, (int)t[i].after, fmu_number(t[i].time, time), consequence(fmu, t + i, meaning));
     long long more = (long long)count - MAX_EVENTS;
     if (more > 0) fmu_log(fmu, LOG_EVENTS, fmi2OK, "%lld more transitions in this step", more);
 }

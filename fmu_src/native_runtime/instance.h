@@ -28,12 +28,12 @@ typedef struct {
     char *bytes; /* owned; the rest points into it */
     const char *guid;
     int32_t reals, count, strings;
-    int32_t tolerance; /* reference of solver.tolerance */
-    int32_t gaps;      /* some references have no variable: their names are empty */
-    uint64_t model;    /* checksum of model.bin */
-    const double *low, *high;  /* (count) values that are accepted */
-    const int32_t *settable;   /* (count) modes in which a value may be set, as bits */
-    const char **name;         /* (count + strings) owned: of variables, then of strings */
+    int32_t tolerance;        /* reference of solver.tolerance */
+    int32_t gaps;             /* some references have no variable: their names are empty */
+    uint64_t model;           /* checksum of model.bin */
+    const double *low, *high; /* (count) values that are accepted */
+    const int32_t *settable;  /* (count) modes in which a value may be set, as bits */
+    const char **name;        /* (count + strings) owned: of variables, then of strings */
 } variable_table;
 
 typedef struct {
@@ -41,14 +41,14 @@ typedef struct {
     char *name; /* of the instance, owned */
     variable_table table;
     ts_sim *sim;
-    double *values;     /* (reals) the kernel's */
-    int32_t *integers;  /* (count - reals) the kernel's */
+    double *values;    /* (reals) the kernel's */
+    int32_t *integers; /* (count - reals) the kernel's */
     int32_t first_output;
     double *derivatives; /* (reals - first_output) of the outputs at the end of the last step, once asked for; owned */
     int32_t derivatives_ready;
     int log[LOG_CATEGORIES];
-    uint64_t identity;  /* of the FMU, from its GUID: saved states are bound to it */
-    double tolerance;   /* the FMU's own, which keeps its promise; a host's may be tighter */
+    uint64_t identity; /* of the FMU, from its GUID: saved states are bound to it */
+    double tolerance;  /* the FMU's own, which keeps its promise; a host's may be tighter */
 
     /* saved with the FMU state */
     int32_t mode;
@@ -56,7 +56,7 @@ typedef struct {
     int32_t tolerance_set; /* by the host: fmi2SetupExperiment does not change it then */
     int32_t stop_defined;
     double start, time, stop; /* s */
-    int32_t discarded; /* not saved: the last fmi2DoStep was */
+    int32_t discarded;        /* not saved: the last fmi2DoStep was */
 } instance;
 
 /* messages.c */

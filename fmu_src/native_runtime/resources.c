@@ -37,10 +37,7 @@ static void percent_decode(const char *uri, char *path)
     *path = 0;
 }
 
-static int is_drive(const char *path)
-{
-    return ((path[0] | 32) >= 'a' && (path[0] | 32) <= 'z') && path[1] == ':';
-}
+static int is_drive(const char *path) { return ((path[0] | 32) >= 'a' && (path[0] | 32) <= 'z') && path[1] == ':'; }
 
 /* file:///a%20b, file:/a%20b and file://localhost/a%20b -> /a b (UTF-8); on Windows file:///C:/a and file://C:/a -> C:/a,
  * file://host/a -> //host/a; what is no URI is taken for a path. */

@@ -40,6 +40,7 @@ PYTHONFMU_MODULES = ("_version", "default_experiment", "enums", "fmi2slave", "lo
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
+
 def pack_python_fmu(
     model: Model,
     destination: Path,
@@ -109,9 +110,7 @@ def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...],
     return guid
 
 
-def variables_json(
-    model: Model, table: tuple[Variable, ...], kernels: dict[str, Path], content: str, guid: str
-) -> bytes:
+def variables_json(model: Model, table: tuple[Variable, ...], kernels: dict[str, Path], content: str, guid: str) -> bytes:
     """What the runtime must know of the variables, and of the kernel's libraries (by sys.platform and machine).
 
     content: hash of the rest, so that identity stands for the FMU.

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* clang-format off */ /* names in rows */
 #define HOOKS(X)                                                                                                 \
     X(setup_experiment) X(enter_initialization_mode) X(exit_initialization_mode) X(terminate) X(reset)           \
     X(do_step) X(cancel_step) X(get_real) X(get_integer) X(get_boolean) X(get_string) X(set_real) X(set_integer) \
@@ -20,19 +21,20 @@
     X(_set_fmu_state) X(_fmu_state_to_bytes) X(_fmu_state_from_bytes) X(_get_log_queue) X(cast)
 
 #define HELPERS(X) X(explain) X(drain) X(packed)
+/* clang-format on */
 
 enum {
 #define X(name) HOOK_##name,
     HOOKS(X)
 #undef X
-    HOOK_COUNT
+        HOOK_COUNT
 };
 
 enum {
 #define X(name) HELPER_##name,
     HELPERS(X)
 #undef X
-    HELPER_COUNT
+        HELPER_COUNT
 };
 
 typedef struct {
@@ -155,9 +157,9 @@ static fmi2Status leave(const instance *fmu, int lock, fmi2Status status)
     return status;
 }
 
-#define ENTER(component)           \
-    instance *fmu = component;     \
-    int lock;                      \
+#define ENTER(component)       \
+    instance *fmu = component; \
+    int lock;                  \
     if (!enter(fmu, &lock, __func__)) return fmi2Error
 
 /* The present exception, cleared; a new reference, NULL where there is none. */
@@ -418,7 +420,8 @@ static int prepare(instance *fmu, PyObject *bridge)
 #define X(name) fmu->hook[HOOK_##name] = py->PyUnicode_InternFromString(#name);
     HOOKS(X)
 #undef X
-#define X(name) if (!(fmu->helper[HELPER_##name] = py->PyObject_GetAttrString(bridge, #name))) return 0;
+#define X(name) \
+    if (!(fmu->helper[HELPER_##name] = py->PyObject_GetAttrString(bridge, #name))) return 0;
     HELPERS(X)
 #undef X
     return !py->PyErr_Occurred();

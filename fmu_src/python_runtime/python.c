@@ -21,8 +21,7 @@ void report_add(report *to, const char *format, ...)
         char *text = realloc(to->text, 2 * needed);
         if (text) to->text = text, to->capacity = 2 * needed;
     }
-    if (needed && needed <= to->capacity)
-        to->length += (size_t)vsnprintf(to->text + to->length, (size_t)n + 1, format, again);
+    if (needed && needed <= to->capacity) to->length += (size_t)vsnprintf(to->text + to->length, (size_t)n + 1, format, again);
     va_end(again);
 }
 
@@ -35,11 +34,11 @@ char *text_copy(const char *text)
 static int resolve(python *py, void *library, report *why)
 {
     library_function function;
-#define X(result, name, arguments)                                      \
-    if (!(function = library_symbol(library, #name))) {                 \
-        report_add(why, "the Python in this process lacks %s", #name);  \
-        return 0;                                                       \
-    }                                                                   \
+#define X(result, name, arguments)                                     \
+    if (!(function = library_symbol(library, #name))) {                \
+        report_add(why, "the Python in this process lacks %s", #name); \
+        return 0;                                                      \
+    }                                                                  \
     memcpy(&py->name, &function, sizeof function);
     PYTHON_FUNCTIONS(X)
 #undef X
@@ -58,14 +57,13 @@ static int version_of(const python *py, report *why)
 
 /* After a start: the search path is that of the interpreter that was found, and what is printed appears at once, since nobody
  * ends this Python. */
-static const char settle[] =
-    "import os, sys\n"
-    "for entry in told:\n"
-    "    if entry not in sys.path:\n"
-    "        sys.path.append(entry)\n"
-    "for stream in (sys.stdout, sys.stderr):\n"
-    "    if hasattr(stream, 'reconfigure'):\n"
-    "        stream.reconfigure(line_buffering=True, errors='backslashreplace')\n";
+static const char settle[] = "import os, sys\n"
+                             "for entry in told:\n"
+                             "    if entry not in sys.path:\n"
+                             "        sys.path.append(entry)\n"
+                             "for stream in (sys.stdout, sys.stderr):\n"
+                             "    if hasattr(stream, 'reconfigure'):\n"
+                             "        stream.reconfigure(line_buffering=True, errors='backslashreplace')\n";
 
 PyObject *python_text(const python *py, const char *text)
 {
@@ -79,8 +77,8 @@ PyObject *python_text(const python *py, const char *text)
 PyObject *python_run(const python *py, const char *source, const char *name, const char *key, PyObject *value)
 {
     PyObject *space = py->PyDict_New(), *code = py->Py_CompileString(source, name, PYTHON_FILE_INPUT), *done = NULL;
-    if (space && code && value && !py->PyDict_SetItemString(space, "__builtins__", py->PyEval_GetBuiltins())
-        && !py->PyDict_SetItemString(space, key, value))
+    if (space && code && value && !py->PyDict_SetItemString(space, "__builtins__", py->PyEval_GetBuiltins()) &&
+        !py->PyDict_SetItemString(space, key, value))
         done = py->PyEval_EvalCode(code, space, space);
     py->Py_DecRef(code);
     if (!done) {

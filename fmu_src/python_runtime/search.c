@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define OLDEST 11   /* of Python 3 */
+#define OLDEST 11    /* of Python 3 */
 #define ANSWER 65536 /* bytes */
-#define MOST 24     /* candidates that are asked */
+#define MOST 24      /* candidates that are asked */
 
 #if defined(_WIN32)
 #define SEPARATOR ';'

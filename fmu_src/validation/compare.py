@@ -123,8 +123,14 @@ def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs_
     return found
 
 
-def compare(reference: Result, fmu: dict[str, np.ndarray], events: list[Transition], allowed: Spread, length: float,
-            tolerance: float | None = None) -> Comparison:
+def compare(
+    reference: Result,
+    fmu: dict[str, np.ndarray],
+    events: list[Transition],
+    allowed: Spread,
+    length: float,
+    tolerance: float | None = None,
+) -> Comparison:
     """fmu: from `series`; events: the FMU's transitions; allowed: what start errors become; length: of the longest bar, m;
     tolerance: of the FMU, None: its own."""
     times = reference.times

@@ -27,26 +27,30 @@ from .validate import TIGHT, Run, Validation, reference_settings
 
 def write_report(validation: Validation, path: Path) -> None:
     """Plots of positions and string forces (FMU over reference, and their difference), the errors, and the versions."""
-    page = environment().get_template("report.html").render(
-        title=f"Validation of {validation.model.name}, {validation.runtime} FMU",
-        model=validation.model,
-        runs=validation.runs,
-        failures=validation.failures,
-        tight=" and ".join(f"{tolerance:g}" for tolerance in TIGHT),
-        bounds={
-            "margin": f"{compare.MARGIN:g}",
-            "floor": f"{compare.FLOOR:g}",
-            "floor_energy": f"{compare.FLOOR_ENERGY:g}",
-            "ledger": compare.LEDGER_BOUND,
-            "sensitive": compare.SENSITIVE,
-            "window": WINDOW,
-        },
-        kinds=compare.KINDS,
-        seconds=validation.seconds,
-        factor=validation.factor,
-        pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
-        settings=[_shown(reference_settings(run.scenario, run.again)) for run in validation.runs],
-        versions=versions(),
+    page = (
+        environment()
+        .get_template("report.html")
+        .render(
+            title=f"Validation of {validation.model.name}, {validation.runtime} FMU",
+            model=validation.model,
+            runs=validation.runs,
+            failures=validation.failures,
+            tight=" and ".join(f"{tolerance:g}" for tolerance in TIGHT),
+            bounds={
+                "margin": f"{compare.MARGIN:g}",
+                "floor": f"{compare.FLOOR:g}",
+                "floor_energy": f"{compare.FLOOR_ENERGY:g}",
+                "ledger": compare.LEDGER_BOUND,
+                "sensitive": compare.SENSITIVE,
+                "window": WINDOW,
+            },
+            kinds=compare.KINDS,
+            seconds=validation.seconds,
+            factor=validation.factor,
+            pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
+            settings=[_shown(reference_settings(run.scenario, run.again)) for run in validation.runs],
+            versions=versions(),
+        )
     )
     write_text(path, page)
 

@@ -178,5 +178,5 @@ def away(windows: list[tuple[float, float]], times: np.ndarray) -> np.ndarray:
     clear = np.ones(len(times), dtype=bool)
     for at, reach in windows:
         low, high = np.searchsorted(times, (at - reach, at + reach))
-        clear[max(low, 0):high + 1] &= np.abs(times[max(low, 0):high + 1] - at) > reach
+        clear[max(low, 0) : high + 1] &= np.abs(times[max(low, 0) : high + 1] - at) > reach
     return clear

@@ -150,8 +150,10 @@ class _Drive:
 
     def __call__(self, duration: float) -> Inputs:
         model, turns = self.model, 2.0 * math.pi / duration
-        forces, strings, motors = (_waves(count, first) for count, first in (
-            (len(model.nodes), 0), (len(model.strings), 100), (len(model.actuated), 200)))
+        forces, strings, motors = (
+            _waves(count, first)
+            for count, first in ((len(model.nodes), 0), (len(model.strings), 100), (len(model.actuated), 200))
+        )
 
         def rest_length(t):
             return model.rest_length + self.reach * (strings(turns * t) - strings(0.0))

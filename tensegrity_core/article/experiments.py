@@ -384,8 +384,14 @@ class Absorption:
         return _table(rows)
 
 
-def experiment_4(duration: float = PULSE_DURATION, damping: float = DAMPING, stiffness: float = STIFFNESS,
-                 high: float = PULSE, low: float = 0.0, mass: float = MASS) -> Absorption:  # fmt: skip
+def experiment_4(
+    duration: float = PULSE_DURATION,
+    damping: float = DAMPING,
+    stiffness: float = STIFFNESS,
+    high: float = PULSE,
+    low: float = 0.0,
+    mass: float = MASS,
+) -> Absorption:
     """IV: a mass on one spring and damper under a force of `high` (N) in the first half of each period and `low` in the second.
 
     The article gives no mass, stiffness and damping: 1 kg, 5000 N/m and 500 N s/m are those of a bar and a string of its 3D
@@ -456,14 +462,19 @@ class Experiment:
 
 EXPERIMENTS = {
     "I": Experiment("steady heights under constant lifts (figure 6)", experiment_1, LIFT_DURATION, True),
-    "II": Experiment("square wave on the three-bar system (figures 7 and 8)",
-                     lambda systems, duration: experiment_2(duration), WAVE_DURATION, False),
+    "II": Experiment(
+        "square wave on the three-bar system (figures 7 and 8)",
+        lambda systems, duration: experiment_2(duration),
+        WAVE_DURATION,
+        False,
+    ),
     "III": Experiment("actuated top strings (figure 9)", experiment_3, SINE_DURATION, True),
-    "IV": Experiment("power of a mass on a spring (figure 10)",
-                     lambda systems, duration: experiment_4(duration), PULSE_DURATION, False),
+    "IV": Experiment(
+        "power of a mass on a spring (figure 10)", lambda systems, duration: experiment_4(duration), PULSE_DURATION, False
+    ),
     "beam": Experiment("force curve of a beam (figure 3)", lambda systems, duration: beam_curve(), None, False),
     "nsh": Experiment("force curve of the honeycomb (figure 5)", lambda systems, duration: honeycomb_curve(), None, False),
-}  # fmt: skip
+}
 
 
 def _table(rows: list[list[str]]) -> str:

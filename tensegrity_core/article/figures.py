@@ -16,10 +16,18 @@ from .experiments import BEAM, Absorption, Actuation, Curve, Steady, Wave
 
 DPI = 100
 STYLE = {
-    "svg.fonttype": "none", "svg.hashsalt": "tensegrity", "font.size": 8.5, "axes.titlesize": 9.0, "axes.grid": True,
-    "grid.color": "#e6e4de", "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.fontsize": 7.5, "lines.linewidth": 1.2,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "tensegrity",
+    "font.size": 8.5,
+    "axes.titlesize": 9.0,
+    "axes.grid": True,
+    "grid.color": "#e6e4de",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.fontsize": 7.5,
+    "lines.linewidth": 1.2,
     "axes.titlelocation": "left",
-}  # fmt: skip
+}
 TITLES = {"two_bar": "two-bar", "three_bar": "three-bar", "six_bar": "six-bar"}
 AXIS_COLOURS = {"x": "#22252e", "y": "#1b9aaa", "z": "#d1495b"}
 NSH_LINE, PLAIN_LINE = {"color": "#22252e", "linestyle": "-"}, {"color": "#22252e", "linestyle": "--"}

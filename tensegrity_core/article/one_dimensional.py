@@ -61,7 +61,6 @@ class Oscillator:
             return law.force_on_piece(self.nsh, piece - zero, x, self.stiffness)
         return -law.force_on_piece(self.nsh, zero - piece + 1, -x, self.stiffness)
 
-
     def stored(self, x: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """J: energy in mass and spring at positions and velocities, m and m/s."""
         spring = 0.5 * self.stiffness * x**2 if self.nsh is None else law.energy(self.nsh, np.abs(x), self.stiffness)
@@ -125,9 +124,7 @@ def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.
             return y[1], (force - oscillator.damping * y[1] - oscillator.spring_force(piece, y[0])) / oscillator.mass
 
         events = [*_ends(oscillator, piece), lambda t, y: y[1], lambda t, y: rates(t, y)[1]]
-        run = solve_ivp(
-            rates, (t, times[-1]), state, method="DOP853", rtol=RTOL, atol=ATOL, events=events, dense_output=True
-        )
+        run = solve_ivp(rates, (t, times[-1]), state, method="DOP853", rtol=RTOL, atol=ATOL, events=events, dense_output=True)
         t, state = run.t[-1], run.y[:, -1]
         extremes += [state, *(y for turns in run.y_events[2:] for y in turns)]
         stop = np.searchsorted(times, t, side="right")

@@ -23,7 +23,9 @@ SHOWN = 12  # modes that are printed
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s SCENE [options]"
     scene_argument(parser)
-    force_argument(parser, "constant external forces in N: modes about the steady state that they reach slowly, such as n4.z=45")
+    force_argument(
+        parser, "constant external forces in N: modes about the steady state that they reach slowly, such as n4.z=45"
+    )
     parser.add_argument("--undamped", action="store_true", help="leave the dampers out")
     parser.add_argument("--count", type=int, default=SHOWN, help="modes to print (default %(default)s)")
     parser.add_argument("--output", metavar="FILE", help="write all modes with their shapes to this .csv file")
@@ -71,7 +73,9 @@ def summary(model: Model, found: list[Mode], count: int, force: np.ndarray | Non
     lines = [f"{model.name}: {freedoms} degrees of freedom"]
     off, node, equilibrium = statics.unbalanced(model, force)
     if not equilibrium:
-        lines.append(f"  about a state that is not an equilibrium: up to {off:.3g} N stay unbalanced, at {model.node_names[node]}")
+        lines.append(
+            f"  about a state that is not an equilibrium: up to {off:.3g} N stay unbalanced, at {model.node_names[node]}"
+        )
     if neutral:
         lines.append(f"  nothing resists {len(neutral)} of them: {', '.join(_counted(neutral))}")
     oscillating = sum(mode.oscillates for mode in found)
@@ -94,8 +98,10 @@ def summary(model: Model, found: list[Mode], count: int, force: np.ndarray | Non
 def _counted(names: list[str]) -> list[str]:
     """Names, those that come more than once with their number."""
     counts = {name: names.count(name) for name in names}
-    return [name if n == 1 else f"{n} {name.replace('motion', 'motions').replace('mechanism', 'mechanisms')}"
-            for name, n in counts.items()]  # fmt: skip
+    return [
+        name if n == 1 else f"{n} {name.replace('motion', 'motions').replace('mechanism', 'mechanisms')}"
+        for name, n in counts.items()
+    ]
 
 
 def _write(output: Path, model: Model, found: list[Mode]) -> None:
@@ -109,7 +115,12 @@ def _write(output: Path, model: Model, found: list[Mode]) -> None:
         for i, mode in enumerate(found, 1):
             shape = mode.shape[:, list(model.axes)].ravel()
             numbers = [mode.eigenvalue.real, mode.eigenvalue.imag, mode.frequency, mode.natural_frequency]
-            numbers += [mode.damping_ratio, mode.decay_rate, bool(mode.neutral), *np.column_stack([shape.real, shape.imag]).ravel()]
+            numbers += [
+                mode.damping_ratio,
+                mode.decay_rate,
+                bool(mode.neutral),
+                *np.column_stack([shape.real, shape.imag]).ravel(),
+            ]
             file.write(",".join([str(i), *(repr(float(x)) for x in numbers)]) + "\n")
 
 

@@ -25,9 +25,13 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     scene_argument(parser)
     force_argument(parser, "external forces in N at p = 1, on free nodes, such as n4.z=1 n5.z=1")
     parser.add_argument(
-        "--rest-length", metavar="STRING=M", nargs="+", action="extend", default=[],
+        "--rest-length",
+        metavar="STRING=M",
+        nargs="+",
+        action="extend",
+        default=[],
         help="changes of rest lengths in m at p = 1, such as s4=-0.01",
-    )  # fmt: skip
+    )
     parser.add_argument("--from", dest="start", metavar="P", type=float, default=0.0, help="first p (default %(default)g)")
     parser.add_argument("--to", dest="goal", metavar="P", type=float, required=True, help="last p")
     parser.add_argument("--step", metavar="P", type=float, help="states at this spacing of p (default: the path's points)")
@@ -136,9 +140,11 @@ def _sweeps(loading: Loading, parameters: np.ndarray, back: bool) -> dict[str, s
 # --- what it prints and writes -----------------------------------------------------------------------------------------
 
 WHY = {
-    "limit": "limit point", "branch": "branch point: other paths leave here, --unstable traces them",
-    "kink": "a string's force curve has a kink", "loose": "strings go slack and leave motions that nothing resists",
-}  # fmt: skip
+    "limit": "limit point",
+    "branch": "branch point: other paths leave here, --unstable traces them",
+    "kink": "a string's force curve has a kink",
+    "loose": "strings go slack and leave motions that nothing resists",
+}
 
 
 def summary(model: Model, sweeps: dict[str, steady_states.Sweep], behind: list[paths.Path], quantity) -> str:
@@ -164,8 +170,10 @@ def _write(output: FilePath, loading, sweeps, behind, by_step: bool) -> None:
     model = loading.model
     nodes = [f"{model.node_names[i]}.{'xyz'[axis]}" for i in range(len(model.nodes)) for axis in model.axes]
     header = ["leg", "p", "stable", "kind", *nodes, *(f"{name}.elastic_force" for name in model.string_names)]
-    legs = [(name, sweep.equations, sweep.states if by_step else [p for path in sweep.stretches for p in path.points])
-            for name, sweep in sweeps.items()]
+    legs = [
+        (name, sweep.equations, sweep.states if by_step else [p for path in sweep.stretches for p in path.points])
+        for name, sweep in sweeps.items()
+    ]
     legs += [("behind", path.equations, path.points) for path in behind]
     with replacing_text(output) as file:
         file.write(",".join(header) + "\n")

@@ -393,8 +393,21 @@ class LoadSteps:
         rate = reserve / lever * push + pull
         bends = np.zeros(len(stretch))
         bends[laws.curved] = saddle.bend
-        return State(z, parameter, laws, rate * (lever / reserve), stretch, 0.0, string, reserve, lever, rate, push, bends,
-                     float(saddle.stiffness[string]))  # fmt: skip
+        return State(
+            z,
+            parameter,
+            laws,
+            rate * (lever / reserve),
+            stretch,
+            0.0,
+            string,
+            reserve,
+            lever,
+            rate,
+            push,
+            bends,
+            float(saddle.stiffness[string]),
+        )
 
     def _bent(self, state: State) -> State:
         """A state with its second derivatives, as the strings' laws make them; the system is still that of the state."""
@@ -428,8 +441,9 @@ class LoadSteps:
     def _to_end(self, z, parameter: float, laws: OnPieces, string: int, end: float) -> State | None:
         """The stable equilibrium at which a string has an elongation."""
         saddle = self.saddle
-        reached = self._solved(z, parameter, laws, lambda z: (
-            saddle.direction(string), self._wound[string], end - float(saddle.stretch[string])))  # fmt: skip
+        reached = self._solved(
+            z, parameter, laws, lambda z: (saddle.direction(string), self._wound[string], end - float(saddle.stretch[string]))
+        )
         if reached is None:
             return None
         z, parameter, found = reached
@@ -476,8 +490,9 @@ class LoadSteps:
             raise Doubt
         rate = kink.rate + (reserve - kink.reserve) / kink.lever * kink.push
         kink.bends[string] = bend
-        return self._bent(replace(kink, laws=new, reserve=reserve, rate=rate, tangent=rate * (kink.lever / reserve),
-                                  stiffness=stiffness))  # fmt: skip
+        return self._bent(
+            replace(kink, laws=new, reserve=reserve, rate=rate, tangent=rate * (kink.lever / reserve), stiffness=stiffness)
+        )
 
     def _anew(self, kink: State, laws: OnPieces, touching: np.ndarray, high: np.ndarray, way: float) -> State:
         """The same where several strings arrive together: the system is solved anew on these pieces.  Raises Doubt.

@@ -36,14 +36,17 @@ class Loading:
     def check(self, *parameters: float) -> None:
         """Raise InputError where nothing changes with p, or where a rest length would be negative at one of these."""
         if not (self.force_direction[self.model.free_nodes].any() or self.rest_length_direction.any()):
-            raise InputError("force_direction and rest_length_direction are zero at every free node and string; "
-                             "give a load that changes")
+            raise InputError(
+                "force_direction and rest_length_direction are zero at every free node and string; give a load that changes"
+            )
         for parameter in parameters:
             lengths = self.rest_lengths(parameter)
             if lengths.min(initial=0.0) < 0.0:
                 name = self.model.string_names[int(np.argmin(lengths))]
-                raise InputError(f"p = {parameter:g} makes the rest length of {name} {lengths.min():.6g} m; it cannot be "
-                                 "negative, so let p end earlier")
+                raise InputError(
+                    f"p = {parameter:g} makes the rest length of {name} {lengths.min():.6g} m; it cannot be "
+                    "negative, so let p end earlier"
+                )
 
     def forces(self, parameter: float) -> np.ndarray:
         """(N, 3) N."""

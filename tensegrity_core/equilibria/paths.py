@@ -130,8 +130,10 @@ class _Follower:
         """The next point, after the limit and branch points on the way to it.  Raises PathError where no step succeeds."""
         while True:
             if self.step < SHORTEST:
-                raise PathError(f"the path cannot be followed beyond p = {self.here.parameter!r}: a step of "
-                                f"{self.step:.1e} m fails; try other loads, or start from another state")
+                raise PathError(
+                    f"the path cannot be followed beyond p = {self.here.parameter!r}: a step of "
+                    f"{self.step:.1e} m fails; try other loads, or start from another state"
+                )
             trial = self._corrected(self.here, self.step, self._bend())
             turn = np.inf if trial is None else _angle(self.here.direction, trial.direction)
             if turn > TURN:
@@ -217,8 +219,10 @@ class _Follower:
         below = base.piece.copy()
         below[low] -= 1
         if len(touching) > MOST_TOUCHING:
-            raise PathError(f"{len(touching)} strings change their pieces together at p = {parameter!r}; "
-                            f"more than {MOST_TOUCHING} at once cannot be told apart")
+            raise PathError(
+                f"{len(touching)} strings change their pieces together at p = {parameter!r}; "
+                f"more than {MOST_TOUCHING} at once cannot be told apart"
+            )
         arc = base.arc + float(part) * (trial.arc - base.arc)
         rays = [ray for ray in self._rays(free, parameter, below, touching, base.piece, trial.direction, arc) if _resisted(ray)]
         if not rays:
@@ -300,8 +304,9 @@ class _Follower:
     def root(self, base: Point, end: Point, test, kind: str, part: float) -> Point | None:
         """Where a test function that changes its sign between the points is zero: bracketed secants (Illinois) along the
         tangent at `base`, until it is this part of its values there (at a limit point p is flat, so that less will do)."""
-        length = float(base.direction[:-1] @ (end.free - base.free)
-                       + base.direction[-1] * self.scale * (end.parameter - base.parameter))
+        length = float(
+            base.direction[:-1] @ (end.free - base.free) + base.direction[-1] * self.scale * (end.parameter - base.parameter)
+        )
         bend = (end.direction - base.direction) / length
         a, fa, b, fb, best = 0.0, test(base), length, test(end), end
         size = max(abs(fa), abs(fb))
@@ -355,16 +360,19 @@ def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: f
                 return point
             break
         piece = equations.laws.piece_of(equations.stretch(solved[0], parameter))
-    raise PathError(f"{equations.model.name}: no isolated equilibrium at p = {parameter!r} beside the start; "
-                    "settle the structure first, and fix enough nodes")
+    raise PathError(
+        f"{equations.model.name}: no isolated equilibrium at p = {parameter!r} beside the start; "
+        "settle the structure first, and fix enough nodes"
+    )
 
 
 def _resisted(point: Point) -> bool:
     return bool((np.abs(point.values) > point.zero).all())
 
 
-def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None = None, most_points: int = MOST_POINTS,
-           stop: str = "") -> Path:
+def follow(
+    loading: Loading, start: float, goal: float, nodes: np.ndarray | None = None, most_points: int = MOST_POINTS, stop: str = ""
+) -> Path:
     """The path from the equilibrium beside `nodes` (N, 3; default the model's start) at p = start, setting out towards
     p = goal, until p reaches the goal or comes back past the start.
 
@@ -382,8 +390,9 @@ def follow(loading: Loading, start: float, goal: float, nodes: np.ndarray | None
     return follow_from(equations, scale, first, start, goal, most_points, stop)
 
 
-def follow_from(equations: Equations, scale: float, first: Point, start: float, goal: float,
-                most_points: int = MOST_POINTS, stop: str = "") -> Path:
+def follow_from(
+    equations: Equations, scale: float, first: Point, start: float, goal: float, most_points: int = MOST_POINTS, stop: str = ""
+) -> Path:
     """`follow` from a point of a path, in the direction of its tangent."""
     follower = _Follower(equations, scale, first, LONGEST * float(equations.model.bar_length.min()))
     path, (low, high), met_unstable = follower.path, sorted((start, goal)), not first.stable

@@ -331,7 +331,12 @@ class Kernel:
     def piece_law(self, string: int, piece: int, elongation: float) -> tuple[float, float, float]:
         """Elastic tension (N), stiffness (N/m) and energy (J) of a string on one of its pieces, continued past its ends."""
         out = np.empty(3)
-        if self._library.ts_piece_law(self._sim, self._string(string), int(piece), number("elongation", elongation), _pointer(out)) < 0:
+        if (
+            self._library.ts_piece_law(
+                self._sim, self._string(string), int(piece), number("elongation", elongation), _pointer(out)
+            )
+            < 0
+        ):
             raise InputError(f"piece = {piece!r}: string {string} has {len(self.pieces(string))} pieces, counted from 0")
         return out[0], out[1], out[2]
 

@@ -241,8 +241,9 @@ class Chain:
         self.held, self.base = held, base
         ahead = self.stretches[lead]
         self._curve = ahead.curve
-        self._others = [(i, s, s.curve == ahead.curve and s.start == ahead.start)
-                        for i, s in enumerate(self.stretches) if i != lead]
+        self._others = [
+            (i, s, s.curve == ahead.curve and s.start == ahead.start) for i, s in enumerate(self.stretches) if i != lead
+        ]
         self.lower, self.upper = self.total(start), self.total(end) if end < math.inf else math.inf
 
     def displacements(self, p: float) -> list[float]:
@@ -250,7 +251,7 @@ class Chain:
         u = [p] * len(self.stretches)
         force, tied = self._curve.value(p)[0], p == self.start or p == self.end
         for i, other, alike in self._others:
-            if not alike:    # a part of the same kind moves alike, which keeps all digits where both turn together
+            if not alike:  # a part of the same kind moves alike, which keeps all digits where both turn together
                 u[i] = other.inverse(force, tied)
         return u
 
@@ -291,7 +292,7 @@ class Chain:
         if high < math.inf:
             part = (x - self.lower) / (self.upper - self.lower)
         else:
-            high = (low + (x - self.lower)) * (1.0 + TIE)    # p grows no faster than the sum
+            high = (low + (x - self.lower)) * (1.0 + TIE)  # p grows no faster than the sum
         p = low + (high - low) * part
         for _ in range(200):
             u = self.displacements(p)

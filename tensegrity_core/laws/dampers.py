@@ -49,6 +49,8 @@ def damping(damper: Damper) -> Damping:
         lowest = [*zip(damper.f, damper.x), (-math.inf if falls else 0.0, math.inf)]
     for low, at in lowest:
         if low < 0.0:
-            raise InputError(f"damper: the force falls to {low!r} N at a rate of {at!r} m/s, where it would drive the string; "
-                             "keep it at 0 or above for rates > 0")
+            raise InputError(
+                f"damper: the force falls to {low!r} N at a rate of {at!r} m/s, where it would drive the string; "
+                "keep it at 0 or above for rates > 0"
+            )
     return Damping(curves, isinstance(damper, Polynomial) or damper.interpolation == "cubic")

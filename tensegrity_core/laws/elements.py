@@ -43,8 +43,9 @@ def law(element: Element) -> Law:
 def part_law(element: Element) -> Law:
     """The law of a part: the same, but its force may fall below 0 (a bistable beam), which others may make up for."""
     if isinstance(element, Series) and element.law != "single_valued":
-        raise InputError(f"law = {element.law!r}: a series with memory is the outermost element of a string, not a part; "
-                         "use 'single_valued'")
+        raise InputError(
+            f"law = {element.law!r}: a series with memory is the outermost element of a string, not a part; use 'single_valued'"
+        )
     return _MAKERS[type(element)](element)
 
 
@@ -86,8 +87,10 @@ def _polynomial(element: Polynomial) -> Law:
     made = _leaf(monotone(curve, 0.0, math.inf))
     if made.stretches[0].sign < 0 or made.stretches[-1].sign < 0:
         where = "at first" if made.stretches[0].sign < 0 else "in the end"
-        raise InputError(f"polynomial.coefficients = {element.coefficients!r}: the force falls {where}; "
-                         "let the first and the last coefficient that is not 0 be positive")
+        raise InputError(
+            f"polynomial.coefficients = {element.coefficients!r}: the force falls {where}; "
+            "let the first and the last coefficient that is not 0 be positive"
+        )
     return made
 
 

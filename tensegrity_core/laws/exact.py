@@ -75,11 +75,13 @@ class Law:
         if self.end == math.inf:
             largest = max(one.last for one in self.stretches)
             raise InputError(f"force = {force!r} N: the law bears no more than {largest!r} N; use a smaller force")
-        if force <= self.end_force:    # missed above by round-off
+        if force <= self.end_force:  # missed above by round-off
             return self.end
         if k is None:
-            raise InputError(f"force = {force!r} N: the law ends at {self.end_force!r} N; "
-                             "use a smaller force, or give the stiffness k beyond")
+            raise InputError(
+                f"force = {force!r} N: the law ends at {self.end_force!r} N; "
+                "use a smaller force, or give the stiffness k beyond"
+            )
         return self.end + (force - self.end_force) / k
 
     def _value(self, piece: int, x: float, k: float) -> tuple[float, float, float]:
@@ -106,5 +108,7 @@ def require_tension(made: Law, name: str) -> None:
     for one in made.stretches:
         low, at = (one.last, one.end) if one.sign < 0 else (one.first, one.start)
         if low < -ROUND_OFF * max(largest, 0.0):
-            raise InputError(f"{name}: the force falls to {low!r} N at an elongation of {at!r} m, but a string bears no "
-                             "compression; keep the force at 0 or above, or use a series with memory (law = 'hysteretic')")
+            raise InputError(
+                f"{name}: the force falls to {low!r} N at an elongation of {at!r} m, but a string bears no "
+                "compression; keep the force at 0 or above, or use a series with memory (law = 'hysteretic')"
+            )

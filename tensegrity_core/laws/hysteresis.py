@@ -80,7 +80,7 @@ class Memory:
         self.element, self.k = element, k
         self.parts: tuple[Law, ...] = tuple(part_law(part) for part in element.parts)
         self.spring = stretch(PolynomialCurve(0.0, (0.0, k), 0.0), 0.0, math.inf)
-        self.width = max((part.breakpoints[-1] for part in self.parts), default=0.0)    # m: what lengths are small beside
+        self.width = max((part.breakpoints[-1] for part in self.parts), default=0.0)  # m: what lengths are small beside
         self._branches: dict[tuple, tuple[Branch, ...]] = {}
         for i, part in enumerate(self.parts, 1):
             if part.stretches[0].sign <= 0 or part.end == math.inf and part.stretches[-1].sign <= 0:
@@ -180,8 +180,18 @@ class Branch:
     loosens: whether T falls to 0 on it; lower, upper: elongations at its ends, m; taut: False if slack.
     """
 
-    def __init__(self, memory: Memory, at: tuple[int, ...], number: int, lead: int | None, chains, folds, loosens: bool,
-                 low: float = 0.0, high: float = 0.0):
+    def __init__(
+        self,
+        memory: Memory,
+        at: tuple[int, ...],
+        number: int,
+        lead: int | None,
+        chains,
+        folds,
+        loosens: bool,
+        low: float = 0.0,
+        high: float = 0.0,
+    ):
         self.low, self.high = low, high
         self.memory, self.at, self.number, self.lead = memory, at, number, lead
         self.taut = bool(chains)
@@ -268,6 +278,7 @@ class Branch:
 
 # -------------------------------------------------------------------------------------------- branches of given stretches
 
+
 def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     """The stable branches on which every part is on its stretch `at`."""
     on = [m.stretch(i, n) for i, n in enumerate(at)]
@@ -287,9 +298,10 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     place, ahead = moving.index(on[lead]), on[lead]
     ends = (ahead.start, ahead.end) if ahead.sign == 0 else (ahead.inverse(high), ahead.inverse(low))
     whole = Chain(moving, place, *ends, held, base)
-    return tuple(Branch(m, at, number, lead, [Chain(moving, place, a, b, held, base)], folds,
-                        low == 0.0 and b == whole.end, low, high)
-                 for number, (a, b, folds) in enumerate(_increasing(whole)))
+    return tuple(
+        Branch(m, at, number, lead, [Chain(moving, place, a, b, held, base)], folds, low == 0.0 and b == whole.end, low, high)
+        for number, (a, b, folds) in enumerate(_increasing(whole))
+    )
 
 
 def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
@@ -318,6 +330,7 @@ def _increasing(chain: Chain) -> list[tuple[float, float, tuple[bool, bool]]]:
 
 # ---------------------------------------------------------------------------------------------------------- what follows
 
+
 def _next(branch: Branch, way: int) -> tuple[Branch, float]:
     """The branch that follows the end to which x moves (way: 1 up, -1 down), and the loss."""
     m, x = branch.memory, branch.upper if way > 0 else branch.lower
@@ -334,7 +347,7 @@ def _next(branch: Branch, way: int) -> tuple[Branch, float]:
         joined = _joining(m, at, lead, way, x) if at is not None else None
         if joined is not None:
             return joined, 0.0
-    if branch.lead is not None:    # the force goes the other way than x
+    if branch.lead is not None:  # the force goes the other way than x
         shift = [way if i == branch.lead else -way for i in range(len(ending))]
         return _snap(branch, x, branch.lead, way, _shifted(branch.at, ending, shift))
     for lead, ends in enumerate(ending):
@@ -351,7 +364,7 @@ def _ending(branch: Branch, x: float) -> list[set[int]]:
         on = branch.memory.stretch(i, n)
         if on is None:
             ends, tie = ((-1, branch.memory.parts[i].end_force),), TIE * abs(force)
-        elif on.sign == 0:    # the lead on a flat stretch
+        elif on.sign == 0:  # the lead on a flat stretch
             found.append({end for end, at in ((-1, on.start), (1, on.end)) if u == at})
             continue
         else:
@@ -367,7 +380,7 @@ def _shifted(at: tuple[int, ...], ending: list[set[int]], shift: list[int]) -> t
 
 def _moved(branch: Branch, ending: list[set[int]], lead: int | None, way: int) -> tuple[int, ...] | None:
     """The stretches beyond an event if `lead` (or no part) does not rise there; None: there are none such."""
-    m, direction = branch.memory, way    # direction: of the force
+    m, direction = branch.memory, way  # direction: of the force
     if lead is not None:
         after = _shifted(branch.at, ending, [way * (i == lead) for i in range(len(ending))])[lead]
         direction = m.sign(lead, after) * way
@@ -386,6 +399,7 @@ def _joining(m: Memory, at: tuple[int, ...], lead: int | None, way: int, x: floa
 
 
 # -------------------------------------------------------------------------------------------------------------- snapping
+
 
 def _snap(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) -> tuple[Branch, float]:
     """The branch on which the flow ends that leaves the branch at x with part `lead` moving on, and the loss.
@@ -410,7 +424,7 @@ def _nudged(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) 
     direction = np.zeros(len(u))
     direction[lead] = way
     free = [i for i, n in enumerate(at) if m.stretch(i, n) is not None]
-    if not (branch.loosens and branch.lead is not None and way > 0):    # else it goes slack: the part moves under no force
+    if not (branch.loosens and branch.lead is not None and way > 0):  # else it goes slack: the part moves under no force
         slopes = []
         for i in free:
             on, room = m.stretch(i, at[i]), size
@@ -418,7 +432,7 @@ def _nudged(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) 
             slopes.append(on.curve.value(min(max(v, on.start + room), on.end - room))[1])
         vector = np.linalg.eigh(np.diag(slopes) + m.k)[1][:, 0]
         direction[free] = vector * way * np.sign(vector[free.index(lead)])
-    first = way * TIE_BREAK * (1.0 - np.arange(len(u)) / len(u))    # of equal parts the lowest index goes first
+    first = way * TIE_BREAK * (1.0 - np.arange(len(u)) / len(u))  # of equal parts the lowest index goes first
     return u + size * (direction / np.abs(direction).max() + first)
 
 
@@ -521,11 +535,12 @@ def _branch_at(m: Memory, x: float, u: np.ndarray) -> Branch | None:
         fits = [n for n, on in enumerate(part.stretches) if on.start - near <= v <= on.end + near]
         choices.append(fits + [len(part.stretches)] * int(v >= part.end - near))
     if math.fsum(u) >= x:
-        resting = [[n for n in fits if m.stretch(i, n) is not None and m.sign(i, n) > 0 and m.stretch(i, n).first <= 0.0]
-                   for i, fits in enumerate(choices)]
+        resting = [
+            [n for n in fits if m.stretch(i, n) is not None and m.sign(i, n) > 0 and m.stretch(i, n).first <= 0.0]
+            for i, fits in enumerate(choices)
+        ]
         found = [m.slack(at) for at in product(*resting)]
     else:
-        found = [one for at in product(*choices) for one in m.branches(at)
-                 if one.lower - near <= x <= one.upper + near]
+        found = [one for at in product(*choices) for one in m.branches(at) if one.lower - near <= x <= one.upper + near]
     distances = [(float(np.abs(one.displacements(x) - u).max()), i) for i, one in enumerate(found)]
     return found[min(distances)[1]] if distances and min(distances)[0] <= 10.0 * near else None

@@ -44,6 +44,7 @@ TIE = 32.0 * _EPS
 
 # ---------------------------------------------------------------------------------------------------------------- beam
 
+
 def beam_force(Q, zeta, h, u):
     """Force of a beam, N (eq. 11): f = Q (zeta x^3 - 3 zeta x^2 + 2 (1 + zeta) x), x = u/h.  Floats or arrays."""
     x = u / h
@@ -92,8 +93,10 @@ def beam_displacement(Q: float, zeta: float, h: float, f: float, region: str) ->
     reach = _reach(f / Q, zeta)
     if not low <= reach <= high:
         e = beam_extrema(Q, zeta, h)
-        raise InputError(f"force {f!r} N is not on region {region} of a beam with f_max = {e.f_max!r} N, "
-                         f"f_min = {e.f_min!r} N; ask for another region")
+        raise InputError(
+            f"force {f!r} N is not on region {region} of a beam with f_max = {e.f_max!r} N, "
+            f"f_min = {e.f_min!r} N; ask for another region"
+        )
     return h * root(f / Q, zeta, region)
 
 
@@ -119,12 +122,14 @@ def root(q: float, zeta: float, region: str) -> float:
     s = _extremum_distance(zeta)
     c = (q - 2.0) / (2.0 * zeta * s * s * s)
     if region == "I":
-        y = -2.0 * s * math.cosh(math.acosh(-c) / 3.0) if c < -1.0 else \
-            2.0 * s * math.cos((math.acos(min(c, 1.0)) + 2.0 * math.pi) / 3.0)
+        y = (
+            -2.0 * s * math.cosh(math.acosh(-c) / 3.0)
+            if c < -1.0
+            else 2.0 * s * math.cos((math.acos(min(c, 1.0)) + 2.0 * math.pi) / 3.0)
+        )
         return _polish(1.0 + y, q, zeta, -math.inf, 1.0 - s)
     if region == "III":
-        y = 2.0 * s * math.cosh(math.acosh(c) / 3.0) if c > 1.0 else \
-            2.0 * s * math.cos(math.acos(max(c, -1.0)) / 3.0)
+        y = 2.0 * s * math.cosh(math.acosh(c) / 3.0) if c > 1.0 else 2.0 * s * math.cos(math.acos(max(c, -1.0)) / 3.0)
         return _polish(1.0 + y, q, zeta, 1.0 + s, math.inf)
     y = 2.0 * s * math.cos((math.acos(min(max(c, -1.0), 1.0)) + 4.0 * math.pi) / 3.0)
     return _polish(1.0 + y, q, zeta, 1.0 - s, 1.0 + s)
@@ -149,6 +154,7 @@ def _polish(x: float, q: float, zeta: float, low: float, high: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------- pieces of a series
+
 
 class _Piece(NamedTuple):
     """One piece of f(xi).  The leading beam's x = u/h is its parameter: f = f_lead(x), xi(x) increases.
@@ -185,8 +191,10 @@ def check(nsh: NSH) -> None:
     """Raise InputError unless the NSH has at least one beam and every beam is metastable (2 < zeta < 8, Q, h > 0)."""
     counts = {name: len(getattr(nsh, name)) for name in ("Q", "zeta", "h")}
     if len(set(counts.values())) != 1 or counts["Q"] < 1:
-        raise InputError(f"nsh: Q, zeta and h have {counts['Q']}, {counts['zeta']}, {counts['h']} values; "
-                         "give one value of each per beam, and at least one beam")
+        raise InputError(
+            f"nsh: Q, zeta and h have {counts['Q']}, {counts['zeta']}, {counts['h']} values; "
+            "give one value of each per beam, and at least one beam"
+        )
     for name in ("Q", "h"):
         for i, value in enumerate(getattr(nsh, name), 1):
             low, high = BEAM_RANGES[name]
@@ -195,8 +203,10 @@ def check(nsh: NSH) -> None:
     for i, zeta in enumerate(nsh.zeta, 1):
         if not 2.0 < zeta < 8.0:
             kind = "bistable" if zeta >= 8.0 else "monotone"
-            raise InputError(f"nsh.zeta[{i}] = {zeta!r}: the beam is {kind if zeta == zeta else 'undefined'}; "
-                             "a string needs metastable beams: choose 2 < zeta < 8")
+            raise InputError(
+                f"nsh.zeta[{i}] = {zeta!r}: the beam is {kind if zeta == zeta else 'undefined'}; "
+                "a string needs metastable beams: choose 2 < zeta < 8"
+            )
 
 
 @lru_cache(maxsize=256)
@@ -204,7 +214,7 @@ def curve(nsh: NSH) -> Curve:
     """The pieces of the single valued series law.  Raises InputError for an NSH that `check` refuses."""
     check(nsh)
     f_max = [beam_extrema(*beam).f_max for beam in zip(nsh.Q, nsh.zeta, nsh.h)]
-    f_stop = [4.0 * Q for Q in nsh.Q]                    # force at which a beam on III reaches 2h
+    f_stop = [4.0 * Q for Q in nsh.Q]  # force at which a beam on III reaches 2h
     end_force = max(f_stop)
 
     ends, done, left = _Ends(nsh), [], list(range(len(nsh.Q)))
@@ -212,7 +222,7 @@ def curve(nsh: NSH) -> Curve:
         lead = min(left, key=lambda i: f_max[i])
         tied = [i for i in left if f_max[i] <= f_max[lead] * (1.0 + TIE)]
         ends.rise(lead, "I", f_max[lead], 1.0 - _extremum_distance(nsh.zeta[lead]), done, left, f_stop, tied)
-        for beam in tied:                                # the lowest index first
+        for beam in tied:  # the lowest index first
             done.append(beam)
             ends.snap(beam, 1.0 + 2.0 * _extremum_distance(nsh.zeta[beam]), len(done))
         left = [i for i in left if i not in tied]
@@ -231,8 +241,17 @@ class _Ends:
         self.u = [0.0] * len(nsh.Q)
         self.force = 0.0
 
-    def rise(self, lead: int, region: str, f_end: float, x_end: float, done: list[int], left: list[int],
-             f_stop: list[float], tied: list[int]) -> None:
+    def rise(
+        self,
+        lead: int,
+        region: str,
+        f_end: float,
+        x_end: float,
+        done: list[int],
+        left: list[int],
+        f_stop: list[float],
+        tied: list[int],
+    ) -> None:
         """Add the rise to f_end, in parts that end where snapped beams (of `done`) reach 2h; `tied` beams end at u_max."""
         kinks, h = [], self.nsh.h
         for f in sorted(f_stop[i] for i in done):
@@ -269,8 +288,20 @@ class _Ends:
         xi_end = math.fsum(u)
         if xi_end > xi_start:
             x_start = self.u[lead] / self.nsh.h[lead]
-            self.pieces.append(_Piece(lead, x_start, x_end, xi_start, xi_end, snap, tuple(followers),
-                                      math.fsum(v for _, v in held_u), held_u, snapped))
+            self.pieces.append(
+                _Piece(
+                    lead,
+                    x_start,
+                    x_end,
+                    xi_start,
+                    xi_end,
+                    snap,
+                    tuple(followers),
+                    math.fsum(v for _, v in held_u),
+                    held_u,
+                    snapped,
+                )
+            )
         self.u = u
 
 
@@ -332,7 +363,7 @@ def _solve(nsh: NSH, piece: _Piece, xi: float) -> float:
     for _ in range(200):
         q = x * (2.0 * (1.0 + zeta) + zeta * x * (x - 3.0))
         slope = Q / h * (2.0 * (1.0 + zeta) + 3.0 * zeta * x * (x - 2.0))
-        total, growth = piece.held + h * x, 1.0    # sum of u; its derivative by the leading beam's u
+        total, growth = piece.held + h * x, 1.0  # sum of u; its derivative by the leading beam's u
         for i, region in piece.followers:
             x_i = _follower(nsh, piece, x, q, i, region)
             total += nsh.h[i] * x_i
@@ -347,7 +378,7 @@ def _solve(nsh: NSH, piece: _Piece, xi: float) -> float:
         if abs(gap) <= 2.0 * _EPS * xi or high - low <= _EPS * high:
             break
         newton = x - step
-        if abs(step) <= 1e-12 * x:    # the next step would be below round-off
+        if abs(step) <= 1e-12 * x:  # the next step would be below round-off
             return min(max(newton, piece.start), piece.end)
         x = newton if low < newton < high else 0.5 * (low + high)
     return x
@@ -377,6 +408,7 @@ def _with_guess(nsh: NSH, piece: _Piece) -> _Piece:
 
 # ------------------------------------------------------------------------------------------------------ series: public
 
+
 def breakpoints(nsh: NSH) -> np.ndarray:
     """(P+1,) m: elongations at the ends of the pieces, strictly increasing from 0 to the sum of 2h."""
     return np.array(curve(nsh).breakpoints)
@@ -394,6 +426,7 @@ def force(nsh: NSH, xi, k: float):
     def value(c, number, x):
         lead = c.pieces[number - 1].lead
         return beam_force(nsh.Q[lead], nsh.zeta[lead], 1.0, x)
+
     return _evaluate(nsh, xi, lambda c, e: 0.0, value, lambda c, e: c.end_force + k * (e - c.breakpoints[-1]))
 
 
@@ -403,6 +436,7 @@ def stiffness(nsh: NSH, xi, k: float):
 
     def value(c, number, x):
         return _derivatives(nsh, c.pieces[number - 1], x)[0]
+
     return _evaluate(nsh, xi, lambda c, e: 0.0, value, lambda c, e: k)
 
 
@@ -416,6 +450,7 @@ def energy(nsh: NSH, xi, k: float):
     def beyond(c, e):
         x = e - c.breakpoints[-1]
         return stored([2.0 * h for h in nsh.h]) + x * (c.end_force + 0.5 * k * x)
+
     return _evaluate(nsh, xi, lambda c, e: 0.0, lambda c, p, x: stored(_displacements(nsh, c.pieces[p - 1], x)), beyond)
 
 
@@ -456,8 +491,10 @@ def elongation(nsh: NSH, force: float, k: float | None = None) -> float:
         raise InputError(f"force = {force!r} N: an NSH carries no such force; use a finite force >= 0")
     if force > c.end_force:
         if k is None:
-            raise InputError(f"force = {force!r} N: the NSH has bottomed out at {c.end_force!r} N; "
-                             "use a smaller force, or give the stiffness k beyond")
+            raise InputError(
+                f"force = {force!r} N: the NSH has bottomed out at {c.end_force!r} N; "
+                "use a smaller force, or give the stiffness k beyond"
+            )
         return c.breakpoints[-1] + (force - c.end_force) / float(k)
     for piece in c.pieces:
         Q, zeta = nsh.Q[piece.lead], nsh.zeta[piece.lead]
@@ -465,7 +502,7 @@ def elongation(nsh: NSH, force: float, k: float | None = None) -> float:
             x = root(force / Q, zeta, "I" if piece.end <= 1.0 else "III")
             x = min(max(x, piece.start), piece.end)
             return min(max(math.fsum(_displacements(nsh, piece, x)), piece.xi_start), piece.xi_end)
-    return c.breakpoints[-1]    # the end force itself, missed above by round-off
+    return c.breakpoints[-1]  # the end force itself, missed above by round-off
 
 
 def force_on_piece(nsh: NSH, number: int, xi: float, k: float) -> float:
@@ -572,6 +609,7 @@ def _evaluate(nsh: NSH, xi, slack, inside, beyond):
         if number > len(c.pieces):
             return beyond(c, e)
         return inside(c, number, _solve(nsh, c.pieces[number - 1], e))
+
     if np.ndim(xi) == 0:
         return one(float(xi))
     xi = np.asarray(xi, dtype=float)

@@ -142,6 +142,7 @@ def _element_panels(element: Element) -> tuple[tuple[Panel, ...], ...]:
         elif piece.end == math.inf:
             raise NoPanels(piece.start)
         else:
+
             def values(x, which, number=number):
                 return np.array([law._value(number, float(e), 0.0)[which] for e in x])
 

@@ -27,13 +27,13 @@ class Snaps:
                 self._snap(i)
         while moving := [i for i in range(len(self.parts)) if self.at[i] < len(self.parts[i].stretches)]:
             force = min(self._stretch(i).last for i in moving)
-            if force > self.force * (1.0 + TIE) or self.force == 0.0:    # else a tie: the next part is at its end already
+            if force > self.force * (1.0 + TIE) or self.force == 0.0:  # else a tie: the next part is at its end already
                 self._rise(moving, force)
             if force == math.inf:
                 break
             ending = [i for i in moving if self._stretch(i).last <= self.force * (1.0 + TIE)]
             due = [i for i in ending if self._moves_on(i)]
-            if due:    # one at a time: it may come to another maximum that ties, and has the lowest index again
+            if due:  # one at a time: it may come to another maximum that ties, and has the lowest index again
                 self._snap(due[0])
         return Law(self.pieces, self.stretches)
 
@@ -50,8 +50,13 @@ class Snaps:
 
     def _rise(self, moving: list[int], force: float) -> None:
         held = [i for i in range(len(self.parts)) if i not in moving]
-        chains = rise([self._stretch(i) for i in moving], self.force, force, math.fsum(self.u[i] for i in held),
-                      math.fsum(self._energy(i) for i in held))
+        chains = rise(
+            [self._stretch(i) for i in moving],
+            self.force,
+            force,
+            math.fsum(self.u[i] for i in held),
+            math.fsum(self._energy(i) for i in held),
+        )
         curve = RiseCurve(chains)
         snapped = sum(self._snapped(i) for i in range(len(self.parts)))
         self._add([Stretch(curve, self.x, curve.upper, self.force, force, snapped)])
@@ -66,11 +71,19 @@ class Snaps:
         others = [j for j in range(len(self.parts)) if j != i]
         held, base = math.fsum(self.u[j] for j in others), math.fsum(self._energy(j) for j in others)
         counted = sum(self._snapped(j) for j in others)
-        last = next((n for n in range(first, len(part.stretches))
-                     if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force * (1.0 - TIE)), None)
+        last = next(
+            (
+                n
+                for n in range(first, len(part.stretches))
+                if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force * (1.0 - TIE)
+            ),
+            None,
+        )
         if last is None:
-            raise InputError(f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
-                             "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far")
+            raise InputError(
+                f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
+                "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far"
+            )
         way = []
         for n in range(first, last + 1):
             one = part.stretches[n]

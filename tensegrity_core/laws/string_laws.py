@@ -33,15 +33,19 @@ def string_laws(model: Model) -> StringLaws:
     Raises InputError for a string with memory, and for one whose law goes on for ever and is no polynomial there.
     """
     for i in model.memories:
-        raise InputError(f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of "
-                         "its elongation; let statics.settle follow it, which carries the state of such strings along")
+        raise InputError(
+            f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of "
+            "its elongation; let statics.settle follow it, which carries the state of such strings along"
+        )
     kinds = tuple(model.laws.get(i, model.nsh[i]) for i in range(len(model.strings)))
     try:
         return _made(kinds, tuple(model.stiffness.tolist()))
     except NoPanels as failure:
-        raise InputError(f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
-                         "goes on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
-                         "stop or a straight line") from None
+        raise InputError(
+            f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
+            "goes on for ever and is no polynomial; let statics.settle follow it, or end one of its parts with a "
+            "stop or a straight line"
+        ) from None
 
 
 class StringLaws:

@@ -43,6 +43,6 @@ def table_curves(table: Table) -> list[tuple[PolynomialCurve, float, float]]:
         found.append((curve, a, b))
         base = curve.energy(b)
     curve, a, b = found[-1]
-    if len(rows[0]) == 2 or len(x) == 2:    # straight already
+    if len(rows[0]) == 2 or len(x) == 2:  # straight already
         return [*found[:-1], (curve, a, math.inf)]
     return [*found, (PolynomialCurve(b, (f[-1], curve.value(b)[1]), base), b, math.inf)]

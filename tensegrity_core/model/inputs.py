@@ -62,7 +62,9 @@ def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
     """(K+1,) communication points, s: steps are counted and the time derived, so no error accumulates."""
     duration, step, start = number("duration", duration), number("step", step), number("start", start)
     if not (math.isfinite(duration) and duration > 0.0 and step > 0.0 and math.isfinite(start)):
-        raise InputError(f"duration = {duration!r} s, step = {step!r} s, start = {start!r} s: give finite numbers, the first two > 0")
+        raise InputError(
+            f"duration = {duration!r} s, step = {step!r} s, start = {start!r} s: give finite numbers, the first two > 0"
+        )
     count = max(1, round(duration / step)) if step < math.inf else 1
     return start + np.arange(count + 1) * duration / count
 

@@ -32,8 +32,13 @@ class Result:
 
     """
 
-    def __init__(self, times: np.ndarray, transitions: Iterable[Transition] = (), stats: dict[str, float] | None = None,
-                 **series: np.ndarray):
+    def __init__(
+        self,
+        times: np.ndarray,
+        transitions: Iterable[Transition] = (),
+        stats: dict[str, float] | None = None,
+        **series: np.ndarray,
+    ):
         """Raises ValueError where the series are not those of all outputs."""
         wanted, given = {field.name for field in outputs()}, set(series)
         if given != wanted:
@@ -63,7 +68,12 @@ def _line(field: Field) -> str:
     return f"    {field.name}: {shape} {field.unit}; {field.meaning}"
 
 
-Result.__doc__ = str(Result.__doc__).rstrip() + "\n\n" + "\n".join(map(_line, outputs())) + """
+Result.__doc__ = (
+    str(Result.__doc__).rstrip()
+    + "\n\n"
+    + "\n".join(map(_line, outputs()))
+    + """
 
     Vectors are zero at nodes that a series does not count: velocities at fixed nodes, moved or not, reactions at free ones.
     """
+)

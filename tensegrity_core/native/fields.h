@@ -1,4 +1,5 @@
 /* Written by `python -m tensegrity_core.fields`; edit fields.py instead. */
+/* clang-format off */ /* a row is a line */
 #ifndef TENSEGRITY_FIELDS_H
 #define TENSEGRITY_FIELDS_H
 

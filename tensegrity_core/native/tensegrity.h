@@ -86,7 +86,8 @@ TS_API int ts_output_derivatives(ts_sim *sim, double *out);
 TS_API int64_t ts_transition_count(const ts_sim *sim);
 TS_API int32_t ts_transition_stored(const ts_sim *sim);
 TS_API const ts_transition *ts_transitions(const ts_sim *sim);
-TS_API int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece); /* beams past their force maximum on a piece as transitions have it */
+TS_API int32_t ts_snapped(const ts_sim *sim, int32_t string,
+                          int32_t piece); /* beams past their force maximum on a piece as transitions have it */
 TS_API void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]); /* since ts_initialize() */
 
 /* Complete state as bytes: versioned, bound to the model, with a checksum. */
@@ -104,7 +105,7 @@ TS_API void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy);
 TS_API void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *Jv, double *ft);
 TS_API int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3]); /* N, N/m, J; the piece */
 TS_API int ts_piece_law(const ts_sim *sim, int32_t string, int32_t piece, double elongation, double out[3]);
-TS_API int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity);   /* how many there are */
+TS_API int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity); /* how many there are */
 
 /* A string's force curve as a graph: pieces in the elongation, which piece follows where one is left, and what a snap there
  * dissipates.  A law that is a function of the elongation is a chain; one with memory has several pieces at one elongation, and

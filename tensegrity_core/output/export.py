@@ -67,5 +67,7 @@ def require_writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
         if not path.parent.is_dir():
             raise InputError(f"{shown}: the folder {path.parent} does not exist; make it first")
     except (OSError, ValueError) as failure:  # a name that is too long, a folder that cannot be looked into, a null character
-        raise InputError(f"{shown} cannot be written: {getattr(failure, 'strerror', None) or failure}; name another file") from None
+        raise InputError(
+            f"{shown} cannot be written: {getattr(failure, 'strerror', None) or failure}; name another file"
+        ) from None
     return path

@@ -73,16 +73,13 @@ class Drawing:
         self._size = float(np.max(np.ptp(model.nodes, axis=0)))
         self._draw_floor()
         halo = [Stroke(linewidth=8.0 * width, foreground="white"), Normal()]
-        self._strings = [
-            self._line(color=NSH if nsh else STRING, linewidth=(1.8 if nsh else 1.4) * width) for nsh in model.nsh
-        ]
+        self._strings = [self._line(color=NSH if nsh else STRING, linewidth=(1.8 if nsh else 1.4) * width) for nsh in model.nsh]
         self._bars = [
             self._line(color=BAR, linewidth=5.5 * width, solid_capstyle="round", path_effects=halo) for _ in model.bars
         ]
         bead = {"linestyle": "", "marker": "o", "markersize": 4.5 * width, "markeredgecolor": NSH}
         self._beads = [
-            (self._line(**bead, markerfacecolor="white"), self._line(**bead, markerfacecolor=NSH))
-            for _ in model.nsh_strings
+            (self._line(**bead, markerfacecolor="white"), self._line(**bead, markerfacecolor=NSH)) for _ in model.nsh_strings
         ]
         self._masses = [self._line(linestyle="", marker="o", markersize=8.0 * width, color=BAR) for _ in model.lone_nodes]
         self._loads = [self._line(color=LOAD, linewidth=2.5 * width) for _ in model.nodes]
@@ -234,9 +231,7 @@ def write_frames(figure: Figure, path: Path, count: int, show, frames_per_second
     palette = _palette(pictures)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     with replacing(path) as file:
-        frames[0].save(
-            file, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / frames_per_second), loop=0
-        )
+        frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / frames_per_second), loop=0)
 
 
 def _palette(pictures: list[Image.Image], samples: int = 8, colours: int = 64) -> Image.Image:
@@ -252,9 +247,7 @@ def _palette(pictures: list[Image.Image], samples: int = 8, colours: int = 64) -
     return palette
 
 
-def animate(
-    model: Model, result: Result, path: Path, frames_per_second: int = 20, force=None, pixels: int = 480
-) -> None:
+def animate(model: Model, result: Result, path: Path, frames_per_second: int = 20, force=None, pixels: int = 480) -> None:
     """Write the motion of a result as a GIF, one frame per communication point.
 
     force: (K+1, N, 3) N, drawn as arrows; None: none.  Raises InputError where `path` does not end in .gif.

@@ -48,9 +48,9 @@ def levers(C_b: np.ndarray, fixed: np.ndarray, m: np.ndarray, m_p: np.ndarray) -
     In terms of M these are 1 / (C_b M^-1 C_b^T) and C_b M^-1 / (C_b M^-1 C_b^T), bar by bar.
     """
     first, second = (C_b < 0.0).dot(m_p), (C_b > 0.0).dot(m_p)
-    x = (0.5 * m + second) / (m + first + second)    # the centre's place along the bar, from the first node
+    x = (0.5 * m + second) / (m + first + second)  # the centre's place along the bar, from the first node
     x = np.where((C_b < 0.0).dot(fixed), 0.0, np.where((C_b > 0.0).dot(fixed), 1.0, x))
-    inertia = m / 12.0 + m * (0.5 - x) ** 2 + first * x ** 2 + second * (1.0 - x) ** 2
+    inertia = m / 12.0 + m * (0.5 - x) ** 2 + first * x**2 + second * (1.0 - x) ** 2
     return inertia, (C_b < 0.0) * -x[:, None] + (C_b > 0.0) * (1.0 - x)[:, None]
 
 

@@ -111,7 +111,7 @@ def _strings(s: Structure, load: Load, mode: Mode, t: float, S, xi, xi_rate, win
 def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True) -> Motion:
     """Equation 1 and equation 8 at one instant.  ground: also the forces of the ground, for which moved nodes ask anyway."""
     m = len(s.C_s)
-    members, rates = N.dot(s.C), Ndot.dot(s.C)    # [S B], [Sdot Bdot]
+    members, rates = N.dot(s.C), Ndot.dot(s.C)  # [S B], [Sdot Bdot]
     S, B = members[:, :m], members[:, m:]
     squares = diagonal(members, members)
     xi = lengths(squares[:m])
@@ -120,7 +120,7 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
     if len(s.dragged):
         F -= s.drag * Ndot
     free, moved = F, len(s.moved.nodes) > 0
-    if moved:    # the columns of eq. 1 at the free nodes hold the accelerations of the others, too
+    if moved:  # the columns of eq. 1 at the free nodes hold the accelerations of the others, too
         given = load.acceleration.dot(s.moved.select)
         free = F - given.dot(s.M)
     lam = bar_force_density(B, rates[:, m:], squares[m:], free, s.J, s.arms)
@@ -198,7 +198,7 @@ def on_constraints(s: Structure, N, Ndot):
 def drift(s: Structure, N, Ndot) -> float:
     """Largest relative deviation of bar lengths; of b . bdot / l^2, in 1/s, or relative to velocities above 1 m/s."""
     B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
-    l2 = s.model.bar_length ** 2
+    l2 = s.model.bar_length**2
     speed = max(1.0, np.abs(Ndot).max())
     deviations = np.abs(diagonal(B, B) / l2 - 1.0) / 2.0, np.abs(diagonal(B, Bdot)) / (l2 * speed)
     return float(np.concatenate(deviations).max(initial=0.0))
@@ -210,10 +210,10 @@ def fastest_rate(s: Structure) -> float:
     d (xi' + r delta')^2 <= 2 d xi'^2 + 2 d (r delta')^2."""
     d, motors = s.model.damping.copy(), s.motors
     for j, law in s.dampers:
-        d[j] = max(law.slope(rate) for rate in (0.0, 1.0, *law.kinks))    # a bound for rates up to 1 m/s
+        d[j] = max(law.slope(rate) for rate in (0.0, 1.0, *law.kinks))  # a bound for rates up to 1 m/s
     d[motors.strings] *= 2.0
     damping = (s.C_s.T * d) @ s.C_s + np.diag(s.drag)
-    of_motors = (motors.damping + motors.radius ** 2 * d[motors.strings]) / motors.inertia
+    of_motors = (motors.damping + motors.radius**2 * d[motors.strings]) / motors.inertia
     return float(max(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0), of_motors.max(initial=0.0)))
 
 
@@ -240,8 +240,9 @@ def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict
     damper_curves = tuple((j, law.force) for j, law in s.dampers if piece[j] > 0)
     d = s.model.damping * taut
     d[[j for j, _ in s.dampers]] = 0.0
-    return Mode(piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, tuple(curves),
-                damper_curves)
+    return Mode(
+        piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, tuple(curves), damper_curves
+    )
 
 
 def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:

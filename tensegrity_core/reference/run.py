@@ -120,7 +120,7 @@ class _Run:
         self.inputs, self.rtol = inputs, rtol * self.method.scale
         self.free = model.free_nodes
         n, self.of_nodes = len(model.nodes), 6 * len(self.free)
-        self.moving = self.of_nodes + 2 * len(model.actuated)    # the integrals follow
+        self.moving = self.of_nodes + 2 * len(model.actuated)  # the integrals follow
         rests = model.fixed & ~self.s.moved.select.any(axis=0)
         self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
         self.select = np.eye(2 * n)[np.concatenate((self.free, n + self.free))]
@@ -140,7 +140,7 @@ class _Run:
 
     def unpack(self, t, y):
         """N, Ndot (3, n) from y; the moved nodes are where the load has them at t."""
-        X = self.X_fixed + y[:self.of_nodes].reshape(3, -1).dot(self.select)
+        X = self.X_fixed + y[: self.of_nodes].reshape(3, -1).dot(self.select)
         n = X.shape[1] // 2
         if len(self.s.moved.nodes):
             X[:, self.s.moved.nodes], X[:, n + self.s.moved.nodes] = self.moved(t)
@@ -153,7 +153,7 @@ class _Run:
 
     def winding(self, y):
         """Angles and speeds (2, A) of the actuators."""
-        return y[self.of_nodes:self.moving].reshape(2, -1)
+        return y[self.of_nodes : self.moving].reshape(2, -1)
 
     def pack(self, N, Ndot, others):
         """y from N, Ndot (3, n) and what else stands in it."""
@@ -161,7 +161,7 @@ class _Run:
 
     def projected(self, t, y):
         """y with N and Ndot on the bars' constraints."""
-        return self.pack(*on_constraints(self.s, *self.unpack(t, y)), y[self.of_nodes:])
+        return self.pack(*on_constraints(self.s, *self.unpack(t, y)), y[self.of_nodes :])
 
     def derivative(self, mode: Mode):
         """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""
@@ -172,23 +172,26 @@ class _Run:
             (N, Ndot), winding = self.unpack(t, y), self.winding(y)
             motion = motion_at(self.s, load, mode, t, N, Ndot, winding, ground=False)
             found = np.empty(len(y))
-            Xdot = found[:self.of_nodes].reshape(3, -1)
-            Xdot[:, :count], Xdot[:, count:] = y[:self.of_nodes].reshape(3, -1)[:, count:], motion.Nddot.dot(select)
+            Xdot = found[: self.of_nodes].reshape(3, -1)
+            Xdot[:, :count], Xdot[:, count:] = y[: self.of_nodes].reshape(3, -1)[:, count:], motion.Nddot.dot(select)
             if len(motion.winding):
-                found[self.of_nodes:-3] = np.concatenate((winding[1], motion.winding))
+                found[self.of_nodes : -3] = np.concatenate((winding[1], motion.winding))
             found[-3:] = powers(self.s, load, motion, Ndot, winding)
             return found
+
         return ydot
 
     def jacobian(self, ydot):
         """d ydot / dy by differences.  SciPy's own, over 1e-16 m/s where a velocity is zero, drown in round-off."""
+
         def jac(t, y):
             J, at_y = np.zeros((len(y), len(y))), ydot(t, y)
-            for i in range(self.moving):    # nothing depends on the integrals
+            for i in range(self.moving):  # nothing depends on the integrals
                 moved = y.copy()
                 moved[i] += DIFFERENCE
                 J[:, i] = (ydot(t, moved) - at_y) / DIFFERENCE
             return J
+
         return jac
 
     def strings(self, t, y, mode: Mode) -> Strings:
@@ -202,7 +205,7 @@ class _Run:
         Sdot = Ndot @ self.s.C_s.T
         motion = motion_at(self.s, self.load, mode, t, N, Ndot, self.winding(y))
         Sddot = motion.Nddot.dot(self.s.C_s.T)
-        found = (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate ** 2) / xi
+        found = (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate**2) / xi
         found[self.s.motors.strings] += self.s.motors.radius * motion.winding
         return found
 
@@ -219,9 +222,17 @@ class _Run:
     def _load(self, k: int) -> Load:
         i, s = self.inputs, self.s
         home = s.model.nodes[s.moved.nodes].T
-        return Load(float(i.times[k]), i.force[k].T * s.in_plane, i.rest_length[k], i.rest_length_rate[k], i.current[k],
-                    np.where(s.in_plane > 0.0, i.node_position[k].T, home), i.node_velocity[k].T * s.in_plane,
-                    i.node_acceleration[k].T * s.in_plane, i.drum_load[k])
+        return Load(
+            float(i.times[k]),
+            i.force[k].T * s.in_plane,
+            i.rest_length[k],
+            i.rest_length_rate[k],
+            i.current[k],
+            np.where(s.in_plane > 0.0, i.node_position[k].T, home),
+            i.node_velocity[k].T * s.in_plane,
+            i.node_acceleration[k].T * s.in_plane,
+            i.drum_load[k],
+        )
 
     def _changes(self, k: int) -> bool:
         """Whether step k's inputs are other than those of step k-1 carried on."""
@@ -229,12 +240,16 @@ class _Run:
         tau = i.times[k] - i.times[k - 1]
         carried = i.rest_length[k - 1] + i.rest_length_rate[k - 1] * tau
         position, velocity = path(i.node_position[k - 1], i.node_velocity[k - 1], i.node_acceleration[k - 1], tau)
-        return not (np.array_equal(i.force[k], i.force[k - 1]) and np.array_equal(i.rest_length[k], carried)
-                    and np.array_equal(i.rest_length_rate[k], i.rest_length_rate[k - 1])
-                    and np.array_equal(i.current[k], i.current[k - 1]) and np.array_equal(i.drum_load[k], i.drum_load[k - 1])
-                    and np.array_equal(i.node_position[k], position)
-                    and np.array_equal(i.node_velocity[k], velocity)
-                    and np.array_equal(i.node_acceleration[k], i.node_acceleration[k - 1]))
+        return not (
+            np.array_equal(i.force[k], i.force[k - 1])
+            and np.array_equal(i.rest_length[k], carried)
+            and np.array_equal(i.rest_length_rate[k], i.rest_length_rate[k - 1])
+            and np.array_equal(i.current[k], i.current[k - 1])
+            and np.array_equal(i.drum_load[k], i.drum_load[k - 1])
+            and np.array_equal(i.node_position[k], position)
+            and np.array_equal(i.node_velocity[k], velocity)
+            and np.array_equal(i.node_acceleration[k], i.node_acceleration[k - 1])
+        )
 
     def _change_inputs(self, k: int, y, mode: Mode):
         """Take over the inputs of step k.  A jump of a rest length does work, but gives no impulse; that of a moved node's
@@ -243,11 +258,11 @@ class _Run:
         before = self.energy(t, y, mode)
         (N, Ndot), (position, velocity) = self.unpack(t, y), self.moved(t)
         self.load = self._load(k)
-        y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes:])
+        y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes :])
         settled, losses = self._settled(t, y, mode)
         jump = self.energy(t, y, settled) - before
         y = self._note(t, y, mode, settled, losses)
-        jump += sum(losses.values())    # what snaps on the way lose was put in, too
+        jump += sum(losses.values())  # what snaps on the way lose was put in, too
         return y + np.concatenate((np.zeros(self.moving), [jump, 0.0, abs(jump)])), settled
 
     def _jumped(self, N, Ndot, position, velocity, others):
@@ -271,7 +286,7 @@ class _Run:
             last = first + 1
             while self.method.dense and last < len(times) - 1 and not self._changes(last):
                 last += 1
-            y, mode = self._hold_inputs(y, mode, times[first], times[first + 1:last + 1])
+            y, mode = self._hold_inputs(y, mode, times[first], times[first + 1 : last + 1])
             if last == len(times) - 1:
                 return
             if self._changes(last):
@@ -292,9 +307,10 @@ class _Run:
                 stalled = stalled + 1 if t == t_before else 0
                 if stalled > MAX_STALLED:
                     name = self.s.model.string_names[due.string]
-                    raise SimulationError("chattering", f"string {name!r} changes its piece without end; "
-                                          "look at the inputs just before", float(t))
-        while pending:    # a transition fell on the last row
+                    raise SimulationError(
+                        "chattering", f"string {name!r} changes its piece without end; look at the inputs just before", float(t)
+                    )
+        while pending:  # a transition fell on the last row
             self._record(pending.pop(), y, mode)
         return y, mode
 
@@ -314,8 +330,9 @@ class _Run:
             due = self._first_due(mode, t, watch_before, solver, watch)
             if due is not None:
                 return self._land(mode, t, y, due, pending)
-            self._record_rows(pending, [solver.dense_output()] if self._has_row(pending, solver.t) else [],
-                              solver.t, solver.y, mode)
+            self._record_rows(
+                pending, [solver.dense_output()] if self._has_row(pending, solver.t) else [], solver.t, solver.y, mode
+            )
             self._require_rope(t, solver.t, solver.y)
             deviation = drift(self.s, *self.unpack(solver.t, solver.y))
             if not deviation <= BROKEN:
@@ -357,7 +374,7 @@ class _Run:
         t = solver.t
         try:
             message = solver.step()
-        except ValueError as failure:    # Radau's linear algebra refuses what is not finite
+        except ValueError as failure:  # Radau's linear algebra refuses what is not finite
             raise self._failure(t, str(failure)) from failure
         self.stats["steps"] += 1
         self.steps_since_row += 1
@@ -368,8 +385,11 @@ class _Run:
 
     @staticmethod
     def _failure(t: float, why: str) -> SimulationError:
-        return SimulationError("step_failed", f"SciPy cannot go on ({why}); look for a string whose ends meet, "
-                               "or for an excessive input or parameter", float(t))
+        return SimulationError(
+            "step_failed",
+            f"SciPy cannot go on ({why}); look for a string whose ends meet, or for an excessive input or parameter",
+            float(t),
+        )
 
     def _require_rope(self, before: float, t: float, y) -> None:
         """Raises SimulationError where an actuator has wound all of its string; before: the last time at which it had not."""
@@ -377,8 +397,9 @@ class _Run:
         left = rest_lengths(self.s, self.load, t, self.winding(y))[0][strings] if len(strings) else np.ones(1)
         if left.min() <= 0.0:
             name = self.s.model.string_names[strings[int(np.argmin(left))]]
-            raise SimulationError("wound_up", f"the actuator of string {name!r} has wound it up completely; lower its current",
-                                  float(before))
+            raise SimulationError(
+                "wound_up", f"the actuator of string {name!r} has wound it up completely; lower its current", float(before)
+            )
 
     # Transitions.
 
@@ -409,8 +430,10 @@ class _Run:
         samples = np.array([gaps(self.s, mode, self.strings(at, dense(at), mode)) for at in times])
         found = []
         for row, string in np.argwhere(crossed | turned):
+
             def gap(at):
                 return gaps(self.s, mode, self.strings(at, dense(at), mode))[row, string]
+
             at = _first_root(gap, times, samples[:, row, string], -ROUND_OFF[row])
             if at is not None:
                 found.append(_Due(at, int(row), int(string)))
@@ -521,15 +544,27 @@ class _Run:
         (N, Ndot), winding = self.unpack(t, y), self.winding(y)
         motion = motion_at(s, self.load, mode, t, N, Ndot, winding)
         strings = motion.strings
-        self.rows.append(dict(
-            position=N.T, velocity=np.where(model.fixed, 0.0, Ndot).T,
-            string_force=strings.tension, elastic_force=strings.elastic, string_length=strings.xi,
-            bar_force=-motion.lam * model.bar_length, reaction=motion.ground.T,
-            wound_rest_length=rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
-            wound_rest_length_rate=-s.motors.radius * winding[1], motor_speed=winding[1],
-            kinetic=kinetic_energy(s, Ndot, winding), potential=potential_energy(s, N),
-            elastic=elastic_energy(s, strings.stretch, mode.branches), input_work=y[-3], dissipated=y[-2], throughput=y[-1],
-            snapped=[self._snapped(j, mode) for j in model.nsh_strings]))
+        self.rows.append(
+            dict(
+                position=N.T,
+                velocity=np.where(model.fixed, 0.0, Ndot).T,
+                string_force=strings.tension,
+                elastic_force=strings.elastic,
+                string_length=strings.xi,
+                bar_force=-motion.lam * model.bar_length,
+                reaction=motion.ground.T,
+                wound_rest_length=rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
+                wound_rest_length_rate=-s.motors.radius * winding[1],
+                motor_speed=winding[1],
+                kinetic=kinetic_energy(s, Ndot, winding),
+                potential=potential_energy(s, N),
+                elastic=elastic_energy(s, strings.stretch, mode.branches),
+                input_work=y[-3],
+                dissipated=y[-2],
+                throughput=y[-1],
+                snapped=[self._snapped(j, mode) for j in model.nsh_strings],
+            )
+        )
 
     def _snapped(self, j: int, mode: Mode) -> int:
         """Beams past their force maximum in a string with an NSH."""
@@ -588,7 +623,7 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
     rtol, atol = number("rtol", rtol), number("atol", atol)
     _check_inputs(model, inputs)
     run = _Run(model, inputs.resolved(model), rtol, atol, method)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):    # every step is checked to be finite
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # every step is checked to be finite
         run.go()
     series = {name: np.array([row[name] for row in run.rows]) for name in run.rows[0]}
     for field in outputs(INTEGER_FIELDS):

@@ -77,9 +77,29 @@ def structure(model: Model) -> Structure:
     ends = dict.fromkeys(range(len(model.strings)), (0.0,))
     ends |= {j: tuple(honeycomb.breakpoints(nsh).tolist()) for j, nsh in honeycombs}
     ends |= {j: law.breakpoints for j, law in elements} | dict.fromkeys(slack, ())
-    return Structure(model, np.concatenate((C_s, C_b)).T.copy(), C_s, C_b, M, M_inv, C_b.dot(M_inv), J, arms,
-                     model.fixed.astype(float), moved_nodes(model, M), motors_of(model), weight, drag, np.flatnonzero(drag),
-                     in_plane, honeycombs, elements, slack, dampers, tuple(ends.values()))
+    return Structure(
+        model,
+        np.concatenate((C_s, C_b)).T.copy(),
+        C_s,
+        C_b,
+        M,
+        M_inv,
+        C_b.dot(M_inv),
+        J,
+        arms,
+        model.fixed.astype(float),
+        moved_nodes(model, M),
+        motors_of(model),
+        weight,
+        drag,
+        np.flatnonzero(drag),
+        in_plane,
+        honeycombs,
+        elements,
+        slack,
+        dampers,
+        tuple(ends.values()),
+    )
 
 
 def _require_class_1(model: Model) -> None:
@@ -95,8 +115,9 @@ def _require_class_1(model: Model) -> None:
     massed = {node for node, mass in model.point_mass if mass > 0.0}
     for node in model.free_nodes:
         if bar_of[node] < 0 and node not in massed:
-            raise InputError(f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it, or give it a "
-                             "point mass")
+            raise InputError(
+                f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it, or give it a point mass"
+            )
     for node in model.moving:
         if not model.fixed[node]:
             raise InputError(f"moving names the free node {model.node_names[node]!r}; fix it, or let it move by itself")

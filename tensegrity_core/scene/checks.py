@@ -221,7 +221,9 @@ def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str
             yield scene.error(f"elements.{name}.parts[{at}]", problem, "Name an element outside it.")
         if len(above) >= MOST_LEVELS:
             problem = f"is more than {MOST_LEVELS} elements deep in {above[0]}"
-            yield scene.error(f"elements.{name}.parts[{at}]", problem, "Put the parts of a series or parallel into the outer one.")
+            yield scene.error(
+                f"elements.{name}.parts[{at}]", problem, "Put the parts of a series or parallel into the outer one."
+            )
         if part not in size:
             yield from _tree_errors(scene, part, (*above, name), size)
         size[name] += size[part]
@@ -293,5 +295,15 @@ def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Ite
             yield scene.error(f"{key}.{along}[{at}]", problem, "Leave out one of the two points.")
 
 
-CHECKS = (_check_names, _check_coordinates, _check_points, _check_elements, _check_dampers, _check_references, _check_members,
-          _check_honeycombs, _check_loads, _check_costs)
+CHECKS = (
+    _check_names,
+    _check_coordinates,
+    _check_points,
+    _check_elements,
+    _check_dampers,
+    _check_references,
+    _check_members,
+    _check_honeycombs,
+    _check_loads,
+    _check_costs,
+)

@@ -156,14 +156,11 @@ class String(Entry):
 
     nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n4"]')
     material: str | None = Field(None, description="name of one of the [materials]")
-    stiffness: Positive | None = Field(
-        None, description="stiffness k in N/m, greater than 0, instead of the material's"
-    )
+    stiffness: Positive | None = Field(None, description="stiffness k in N/m, greater than 0, instead of the material's")
     damping: NotNegative | None = Field(None, description="damping d in N s/m, 0 or more, instead of the material's")
     nsh: str | None = Field(
         None,
-        description="name of one of the [nsh]: its force curve replaces the stiffness, "
-        "which acts once it has bottomed out",
+        description="name of one of the [nsh]: its force curve replaces the stiffness, which acts once it has bottomed out",
     )
     actuator: str | None = Field(None, description="name of one of the [actuators]: it winds the string in")
     element: str | None = Field(None, description="name of one of the [elements]: the string's force law, instead of an nsh")
@@ -176,9 +173,7 @@ class Prestress(Entry):
     tension: dict[str, NotNegative] = Field(
         default_factory=dict, description="string name = tension in N at the given coordinates, 0 or more"
     )
-    rest_length: dict[str, RestLength] = Field(
-        default_factory=dict, description="string name = rest length in m, 0 or more"
-    )
+    rest_length: dict[str, RestLength] = Field(default_factory=dict, description="string name = rest length in m, 0 or more")
 
 
 class Scene(Entry):
@@ -215,14 +210,13 @@ class Scene(Entry):
     bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
     strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
     point_masses: dict[str, NotNegative] = Field(
-        default_factory=dict, description="node name = mass in kg that the node carries beside its bar's, 0 or more; greater than 0 for a free node on no bar"
+        default_factory=dict,
+        description="node name = mass in kg that the node carries beside its bar's, 0 or more; greater than 0 for a free node on no bar",
     )
     drag: dict[str, NotNegative] = Field(
         default_factory=dict, description="free node's name = drag coefficient in N s/m, force per velocity, 0 or more"
     )
-    prestress: Prestress = Field(
-        default_factory=Prestress, description="what is known of the strings at the given coordinates"
-    )
+    prestress: Prestress = Field(default_factory=Prestress, description="what is known of the strings at the given coordinates")
 
     _file: str = PrivateAttr("")
     _raw: dict = PrivateAttr(default_factory=dict)

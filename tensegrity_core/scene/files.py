@@ -84,7 +84,9 @@ class Reading:
         self.entries += sum(data.count(mark) for mark in b",=[")
         if self.entries > MOST_ENTRIES:
             problem = f"has about {self.entries} keys and values with what it extends, more than {MOST_ENTRIES}"
-            raise SceneError(str(path), "(file)", str(path), problem, "Leave out what the scene does not need, or points of tables.")
+            raise SceneError(
+                str(path), "(file)", str(path), problem, "Leave out what the scene does not need, or points of tables."
+            )
         try:
             return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
         except UnicodeDecodeError as failure:
@@ -134,7 +136,9 @@ def _parsed(path: Path, text: str) -> dict:
 
 
 def _too_deep(path: Path, key: str, value: Any) -> SceneError:
-    return SceneError(str(path), key, value, f"has tables or lists more than {MOST_DEPTH} deep", "No key of a scene needs that.")
+    return SceneError(
+        str(path), key, value, f"has tables or lists more than {MOST_DEPTH} deep", "No key of a scene needs that."
+    )
 
 
 def _syntax_error(path: Path, text: str, failure: ValueError) -> SceneError:

@@ -54,8 +54,10 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     for i, branch in string_branches(settled, length, branches).items():
         if anew[i] != branch:
             name, count = model.string_names[i], anew[i].snapped
-            raise NoEquilibrium(f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it "
-                                f"from slack leaves {count} so, and a start has no other memory")
+            raise NoEquilibrium(
+                f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it "
+                f"from slack leaves {count} so, and a start has no other memory"
+            )
     return settled
 
 
@@ -111,9 +113,7 @@ def _unstable_direction(point: SurfacePoint) -> np.ndarray | None:
     return direction * np.sign(direction[np.argmax(np.abs(direction))])
 
 
-def _flow_step(
-    surface: Surface, nodes: np.ndarray, point: SurfacePoint, pace: float
-) -> tuple[np.ndarray, float]:
+def _flow_step(surface: Surface, nodes: np.ndarray, point: SurfacePoint, pace: float) -> tuple[np.ndarray, float]:
     """One step of the flow, as long as the surface and the energy allow, and the time that it took.
 
     pace: the time that the step before took; a step without limit is tried first, then times from not much more on.

@@ -55,6 +55,7 @@ def _refusal(model: Model) -> str | None:
 
 def _alone(model: Model, i: int) -> Model:
     """The model with string i alone, and all bars."""
+
     def only(table: tuple) -> tuple:
         return (table[i],)
 
@@ -79,15 +80,22 @@ def _require_rates(scene: Scene, model: Model) -> None:
             motor = model.actuator[i]
             if motor is not None and value * motor.radius**2 / motor.inertia > bound:
                 key = f"actuators.{scene.strings[model.string_names[i]].actuator}.inertia"
-                problem = f"is too small beside the {what} of {model.string_names[i]} ({value:.3g} {unit}), which moves it too fast"
+                problem = (
+                    f"is too small beside the {what} of {model.string_names[i]} ({value:.3g} {unit}), which moves it too fast"
+                )
                 raise scene.error(key, problem, "Raise the inertia, or lower the other.")
     for node, value in model.drag:
         if inertia[node] > 0.0 and value / inertia[node] > FASTEST_DECAY:
             _too_fast(scene, model, owner[node], node, "the drag there", value, "N s/m")
-    for motor, name in {(motor, scene.strings[model.string_names[i]].actuator) for i, motor in enumerate(model.actuator) if motor}:
+    for motor, name in {
+        (motor, scene.strings[model.string_names[i]].actuator) for i, motor in enumerate(model.actuator) if motor
+    }:
         if motor.damping / motor.inertia > FASTEST_DECAY:
-            raise scene.error(f"actuators.{name}.inertia", f"is too small beside the damping, {motor.damping:.3g} N m s",
-                              "Raise the inertia, or lower the damping.")
+            raise scene.error(
+                f"actuators.{name}.inertia",
+                f"is too small beside the damping, {motor.damping:.3g} N m s",
+                "Raise the inertia, or lower the damping.",
+            )
 
 
 def _too_fast(scene: Scene, model: Model, key: str, node: int, what: str, value: float, unit: str) -> None:

@@ -311,7 +311,8 @@ def test_stored_peaks_and_periods_are_what_this_code_gives():
     kept = data["II"]["base"]["plain/50"]
     found = measures.wave(variants.BASE, "plain", 50.0)
     assert [found["way"], found["force_peak"], *found["swing"]] == pytest.approx(
-        [kept["way"], kept["force_peak"], *kept["swing"]], rel=1e-5)  # fmt: skip
+        [kept["way"], kept["force_peak"], *kept["swing"]], rel=1e-5
+    )
     found, kept = measures.measure_4(variants.BASE)["nsh"], data["IV"]["base"]["nsh"]
     assert found.pop("periods") == pytest.approx(kept.pop("periods"), rel=1e-5) and found == pytest.approx(kept, rel=1e-5)
     assert experiments.experiment_4().summary().splitlines() == page["tables"]["IV"]

@@ -73,8 +73,14 @@ def test_kernel_through_the_benchmark_finds_every_transition(tools, tmp_path, da
 
 
 #: CVODE and ARKODE, root directions and plain roots.
-QUICK = [("cvode_bdf", native.DIRECTED), ("cvode_adams", native.PLAIN), ("erk_ARKODE_FEHLBERG_13_7_8", native.DIRECTED),
-         ("erk_5", native.PLAIN), ("dirk_ARKODE_KVAERNO_7_4_5", native.DIRECTED), ("dirk_4", native.PLAIN)]  # fmt: skip
+QUICK = [
+    ("cvode_bdf", native.DIRECTED),
+    ("cvode_adams", native.PLAIN),
+    ("erk_ARKODE_FEHLBERG_13_7_8", native.DIRECTED),
+    ("erk_5", native.PLAIN),
+    ("dirk_ARKODE_KVAERNO_7_4_5", native.DIRECTED),
+    ("dirk_4", native.PLAIN),
+]
 
 
 @pytest.mark.parametrize("name", ["three_bar/50", "three_bar_nsh/500"])
@@ -155,8 +161,9 @@ def nsh_runs(per_second: tuple[float, float], per_transition: tuple[float, float
     counts = {-0.1: (0, 0), 0.01: (0, 0), 0.02: (0, 3), 0.5: (4, 9), 1.0: (26, 140), 2.0: (18, 88)}
     return [
         {"scene": scene, "damping": 50.0, "push": push, "transitions": n[i], "ms": per_second[i] + n[i] * per_transition[i]}
-        for i, scene in enumerate((nsh.PLAIN, nsh.NSH)) for push, n in counts.items()
-    ]  # fmt: skip
+        for i, scene in enumerate((nsh.PLAIN, nsh.NSH))
+        for push, n in counts.items()
+    ]
 
 
 def test_nsh_costs_are_told_apart():
@@ -180,8 +187,16 @@ def _row(method: str, ms: float, error: float, rhs: int = 1000, family: str = "k
 
 
 def _result(rows: list[dict], runs: list[dict]) -> dict:
-    about = {"figure": "three_bar", "title": "plain", "duration": 1.0, "limit": 3.0, "smooth": False, "transitions": 26,
-             "rhs_ns": 60.0, "reference_difference": {"dop853": 1e-14}}  # fmt: skip
+    about = {
+        "figure": "three_bar",
+        "title": "plain",
+        "duration": 1.0,
+        "limit": 3.0,
+        "smooth": False,
+        "transitions": 26,
+        "rhs_ns": 60.0,
+        "reference_difference": {"dop853": 1e-14},
+    }
     return {"problems": {"three_bar/50": about} if rows else {}, "rows": rows, "nsh": runs}
 
 
@@ -200,7 +215,8 @@ def test_targets_are_judged_by_the_data():
 
 def test_the_last_rung_of_a_cut_ladder_is_no_best_error():
     assert report.closest([_row("RK45", 1.0, 1e-5, family="article", cut=True)], "They") == (
-        "They come to 1e-05 m within the time limit")
+        "They come to 1e-05 m within the time limit"
+    )
     assert report.closest([_row("RK45", 1.0, 1e-5, family="article")], "They").endswith("at best")
     assert report.closest([], "They") == ""
 

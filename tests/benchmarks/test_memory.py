@@ -37,7 +37,7 @@ def test_stored_numbers_hold_what_the_page_says():
         assert memory.of_way(cells, sign, "x") == pytest.approx(expected, rel=1e-11)
     for one in (cells, loop, *data["partial"]):
         assert one["area"] == pytest.approx(one["loss"], rel=1e-10)
-    for one in (cells, loop):    # the kernel's snaps and losses are the exact law's
+    for one in (cells, loop):  # the kernel's snaps and losses are the exact law's
         run = one["machine"]
         assert [s["x"] for s in run["snaps"]] == pytest.approx([s["x"] for s in one["snaps"]], abs=1e-11)
         assert run["loss"] == pytest.approx(one["loss"], rel=1e-11)

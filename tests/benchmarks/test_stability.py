@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.harness import page as common
+from benchmarks.stability import all as every
 from benchmarks.stability import (
     branch_two,
     drift,
@@ -22,7 +23,6 @@ from benchmarks.stability import (
     pushed_run,
     spectrum,
 )
-from benchmarks.stability import all as every
 from tensegrity_core.errors import InputError
 from tensegrity_core.laws import nsh as law
 from tensegrity_core.reference import equations, instant, structure
@@ -35,6 +35,7 @@ STUDIES = {"drift": drift, "maps": maps, "branch_two": branch_two, "fixed_cost":
 
 
 # --- drift of the bars' lengths ------------------------------------------------------------------------------------
+
 
 def moving_state(model, seed=1):
     """Random N, Ndot (3, n) on the bars' constraints, fixed nodes at rest."""
@@ -151,6 +152,7 @@ def test_formulations_name_what_they_cannot_do():
 
 # --- fixed-step methods and the linearised spectrum -----------------------------------------------------------------
 
+
 @pytest.mark.parametrize("name", [name for name, method in methods.METHODS.items() if method.step])
 def test_a_step_has_the_stability_function_that_is_drawn(name):
     method = methods.METHODS[name]
@@ -192,13 +194,19 @@ def test_spectrum_of_an_upright_mast_by_hand():
     """m/3 x'' + 2 d c^2 x' + (2 k c^2 + 2 T s^2/L - (2 T s + m g/2)/l) x = 0; c, s: of the guys' angle to the ground."""
     k, d, T, length = 4000.0, 30.0, 25.0, 1.5
     cable = {"stiffness": k, "damping": d}
-    model = build_model(parse_scene({
-        "name": "mast", "plane": "xz", "fixed": ["foot", "left", "right"],
-        "nodes": {"foot": [0.0, 0.0], "tip": [0.0, length], "left": [-1.1, 0.0], "right": [1.1, 0.0]},
-        "bars": {"mast": {"nodes": ["foot", "tip"], "mass": 2.0}},
-        "strings": {"guy1": {"nodes": ["left", "tip"], **cable}, "guy2": {"nodes": ["right", "tip"], **cable}},
-        "prestress": {"tension": {"guy1": T}},
-    }))  # fmt: skip
+    model = build_model(
+        parse_scene(
+            {
+                "name": "mast",
+                "plane": "xz",
+                "fixed": ["foot", "left", "right"],
+                "nodes": {"foot": [0.0, 0.0], "tip": [0.0, length], "left": [-1.1, 0.0], "right": [1.1, 0.0]},
+                "bars": {"mast": {"nodes": ["foot", "tip"], "mass": 2.0}},
+                "strings": {"guy1": {"nodes": ["left", "tip"], **cable}, "guy2": {"nodes": ["right", "tip"], **cable}},
+                "prestress": {"tension": {"guy1": T}},
+            }
+        )
+    )
     L = np.hypot(1.1, length)
     c, s = 1.1 / L, length / L
     stiffness = 2.0 * k * c * c + 2.0 * T * s * s / L - (2.0 * T * s + 9.81) / length
@@ -222,9 +230,17 @@ def test_retuned_models_stand_where_the_scene_does():
 
 
 @pytest.mark.parametrize("name", maps.SCENES)
-@pytest.mark.parametrize("parameter, value", [
-    ("damping", 1.0), ("damping", 50.0), ("damping", 1e3), ("damping", 1e5), ("stiffness", 1e2), ("stiffness", 1e7),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "parameter, value",
+    [
+        ("damping", 1.0),
+        ("damping", 50.0),
+        ("damping", 1e3),
+        ("damping", 1e5),
+        ("stiffness", 1e2),
+        ("stiffness", 1e7),
+    ],
+)
 def test_rk4_loses_the_equilibrium_where_the_spectrum_says(name, parameter, value):
     model = maps.at(scene(name), parameter, value)
     expected = methods.boundary(methods.METHODS["rk4"].stability, spectrum.eigenvalues(model))
@@ -249,14 +265,17 @@ def test_a_run_is_long_enough_to_show_a_growth_at_every_step_of_the_maps():
 
 def test_far_beyond_its_boundary_a_step_ends_in_an_answer():
     """Not in a crash, so it runs in a process of its own; the map's corner at d = 1e4, 45 times the stable step."""
-    code = ("from benchmarks.stability import maps\n"
-            "model = maps.at(maps.base('three_bar'), 'damping', 1e4)\n"
-            "print([maps.is_stable(model, 'rk4', h) for h in (3.1622776601683794e-3, 0.1)])")  # fmt: skip
+    code = (
+        "from benchmarks.stability import maps\n"
+        "model = maps.at(maps.base('three_bar'), 'damping', 1e4)\n"
+        "print([maps.is_stable(model, 'rk4', h) for h in (3.1622776601683794e-3, 0.1)])"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout.strip()) == (0, "[False, False]"), done.stderr[-2000:]
 
 
 # --- the fixed-cost method on pushed scenes -------------------------------------------------------------------------
+
 
 def largest_factor(method: str, kept: float, true: float, damping: float) -> float:
     """Of a step of 1 s on u'' = -true u - damping u', with `kept` as the stiffness in the Jacobian."""
@@ -284,10 +303,14 @@ def test_an_exact_motion_gains_no_energy_and_an_unstable_one_does():
     assert (lost.energy - lost.energy[0]).max() > exact.kinetic.max()
 
 
-@pytest.mark.parametrize("name, damping, stiffness", [
-    *((name, d, k) for name in ("three_bar", "two_bar") for d in (0.0, 500.0, 1e5) for k in (1e2, 1e5, 1e7)),
-    *(("six_bar", d, k) for d in (0.0, 500.0, 1e5) for k in (1e2, 1e6)), ("six_bar", 5e3, 1e7),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, damping, stiffness",
+    [
+        *((name, d, k) for name in ("three_bar", "two_bar") for d in (0.0, 500.0, 1e5) for k in (1e2, 1e5, 1e7)),
+        *(("six_bar", d, k) for d in (0.0, 500.0, 1e5) for k in (1e2, 1e6)),
+        ("six_bar", 5e3, 1e7),
+    ],
+)
 def test_ros2_at_1_ms_gains_no_energy_to_speak_of(name, damping, stiffness):
     row = fixed_cost.energies(name, damping, stiffness, duration=1.0)
     assert row["bounded"], row
@@ -352,6 +375,7 @@ def test_strings_at_their_rest_lengths_carry_nothing_at_the_start():
 
 
 # --- branch II -------------------------------------------------------------------------------------------------------
+
 
 def test_growth_under_a_dead_load():
     for row in branch_two.dead_load_growth(masses=(0.3, 30.0), deltas=(0.0, 1.0, 100.0)):
@@ -460,6 +484,7 @@ def test_the_scene_is_the_scalar_problem():
 
 
 # --- page and figures ------------------------------------------------------------------------------------------------
+
 
 def stored(name):
     return json.loads(common.stored(name).read_text(encoding="utf-8"))

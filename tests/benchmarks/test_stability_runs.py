@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.harness import problems
 from benchmarks.harness import page as common
-from benchmarks.peers import native, scipy_compiled, toolchain
+from benchmarks.harness import problems
+from benchmarks.peers import native, scipy_compiled
 from benchmarks.stability import long_runs, missed, order
 from tensegrity_core.kernel import Kernel
 from tests.support import drawn
 
-
 # --- order at transitions ------------------------------------------------------------------------------------------
+
 
 @pytest.fixture(scope="module")
 def jumping():
@@ -80,6 +80,7 @@ def test_the_two_references_agree_on_the_pushed_scene(jumping):
 
 # --- long runs -----------------------------------------------------------------------------------------------------
 
+
 @pytest.fixture(scope="module")
 def motions():
     return {name: long_runs.motion(name) for name in long_runs.MOTIONS}
@@ -125,6 +126,7 @@ def test_linear_momentum_is_kept_to_round_off(motions, method):
 
 
 # --- missed events -------------------------------------------------------------------------------------------------
+
 
 @pytest.fixture(scope="module")
 def grazing():
@@ -195,14 +197,18 @@ def test_below_the_touching_push_nothing_happens(grazing):
 
 # --- the data can be measured again ---------------------------------------------------------------------------------
 
+
 def stored(name):
     return json.loads(common.stored(name).read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("method", ["rk4", "ros2"])
 def test_the_orders_data_can_be_measured_again(jumping, method):
-    kept = next(curve for curve in stored("order")["cases"][0]["curves"]
-                if (curve["method"], curve["located"], curve["by"]) == (method, True, "step"))  # fmt: skip
+    kept = next(
+        curve
+        for curve in stored("order")["cases"][0]["curves"]
+        if (curve["method"], curve["located"], curve["by"]) == (method, True, "step")
+    )
     again = order.stepped(jumping, method, True, order.DIVISIONS[10:14])
     assert again["step"] == pytest.approx(kept["step"][10:14], rel=1e-5)
     assert again["error"] == pytest.approx(kept["error"][10:14], rel=1e-3)
@@ -230,6 +236,7 @@ def test_the_missed_events_data_can_be_measured_again(grazing):
 
 
 # --- the page ------------------------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize("name, study", [("order", order), ("long_runs", long_runs), ("missed", missed)])
 def test_the_section_comes_from_the_stored_data(name, study, tmp_path):

@@ -220,7 +220,7 @@ def test_check_says_what_is_no_equilibrium(tmp_path, capsys):
     path = tmp_path / "fall.toml"
     path.write_text(
         'name = "fall"\nplane = "xz"\nstart = "released"\nfixed = ["a"]\n'
-        "[nodes]\na = [0.0, 0.0]\nb = [0.6, 0.8]\n[bars]\nrod = { nodes = [\"a\", \"b\"], mass = 10.0 }\n",
+        '[nodes]\na = [0.0, 0.0]\nb = [0.6, 0.8]\n[bars]\nrod = { nodes = ["a", "b"], mass = 10.0 }\n',
         encoding="utf-8",
     )
     assert main(["check", str(path)]) == 0

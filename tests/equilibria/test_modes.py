@@ -109,7 +109,7 @@ def kernel_eigenvalues(model, force):
 def bars_coordinates(model):
     """(n, n): the kernel's coordinates (of a free bar its centre and its vector, of a pinned one its vector) by the nodes'."""
     places, count = statics.places(model), len(model.free_nodes) * len(model.axes)
-    unit = np.vstack([np.eye(count), np.zeros((1, count))])    # a fixed node's place is -1: the zeros
+    unit = np.vstack([np.eye(count), np.zeros((1, count))])  # a fixed node's place is -1: the zeros
     rows = []
     for ends in model.bars:
         base, tip = unit[places[ends[0]]], unit[places[ends[1]]]
@@ -135,7 +135,7 @@ def require_the_kernels(model, force, exact_zeros=0):
     assert len(found) == len(expected)
     for value in expected:
         nearest = np.argmin(np.abs(found - value))
-        small = 1e-5 + 1e-9 * np.abs(expected).max()    # zeros that come in pairs have half the digits
+        small = 1e-5 + 1e-9 * np.abs(expected).max()  # zeros that come in pairs have half the digits
         assert abs(found[nearest] - value) < 1e-9 * abs(value) or max(abs(found[nearest]), abs(value)) < small
         found = np.delete(found, nearest)
 
@@ -151,10 +151,10 @@ def test_eigenvalues_with_payloads_drag_and_slanting_gravity():
     """Actuators hold the rest lengths: with them, modes are those of the same strings without."""
     model = statics.settle(built(LABORATORY), steps=1)
     loose = statics.string_tension(model, matrices.lengths_between(model.nodes, model.strings)) < 1e-9
-    model = changed(model, rest_length=model.rest_length + 0.01 * loose)    # one stands at the very end of being slack
+    model = changed(model, rest_length=model.rest_length + 0.01 * loose)  # one stands at the very end of being slack
     none = np.zeros_like(model.nodes)
     held = changed(model, actuator=(None,) * len(model.strings), current=np.zeros(0), drum_load=np.zeros(0))
-    assert named(modes.modes(held)) == ["mechanism without stiffness"]    # b4, hung from one point, turns about the vertical
+    assert named(modes.modes(held)) == ["mechanism without stiffness"]  # b4, hung from one point, turns about the vertical
     require_the_kernels(held, none, exact_zeros=1)
     assert [m.eigenvalue for m in modes.modes(model)] == [m.eigenvalue for m in modes.modes(held)]
 
@@ -240,7 +240,7 @@ def test_a_structure_afloat_has_six_motions_and_the_modes_of_its_shape(damping):
 def test_drag_stops_rigid_motions_and_the_place_stays_free():
     """With equal drag c at all nodes: six lambda = 0, and translations die out at sum c/sum m."""
     data = afloat().node_names
-    model = afloat(drag={name: 0.4 for name in data})
+    model = afloat(drag=dict.fromkeys(data, 0.4))
     found = modes.modes(model)
     assert named(found) == ALL and all(mode.eigenvalue == 0.0 for mode in found[:6])
     rates = sorted(mode.decay_rate for mode in found[6:] if not mode.oscillates)
@@ -254,7 +254,7 @@ def test_a_payload_afloat_and_undamped():
     free, dragged = modes.modes(model, damped=False), modes.modes(model)
     assert named(free) == named(dragged) == ALL and len(free) == 15
     assert all(mode.eigenvalue.real == 0.0 and mode.oscillates for mode in free[6:])
-    require_the_kernels(model, np.zeros_like(model.nodes), exact_zeros=9)    # three combinations of motions move n1_1
+    require_the_kernels(model, np.zeros_like(model.nodes), exact_zeros=9)  # three combinations of motions move n1_1
 
 
 def test_planar_motions_and_a_pivot():
@@ -265,7 +265,7 @@ def test_planar_motions_and_a_pivot():
     found = modes.modes(build_model(parse_scene(plane | {"gravity": 0.0, "fixed": ["a"]})))
     assert named(found) == ["rotation about y"] and len(found) == 1
     hanging = plane | {"nodes": {"a": [0.0, 0.0], "b": [0.0, -1.0]}, "fixed": ["a"]}
-    (mode,) = modes.modes(build_model(parse_scene(hanging)))    # gravity turns it back: no rigid-body motion
+    (mode,) = modes.modes(build_model(parse_scene(hanging)))  # gravity turns it back: no rigid-body motion
     assert not mode.neutral and mode.frequency == pytest.approx(np.sqrt(1.5 * G) / (2.0 * np.pi), rel=1e-13)
 
 

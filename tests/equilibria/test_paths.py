@@ -33,12 +33,25 @@ def one_bar(tip, anchors, rest_length, gravity=0.0, nsh=None, stiffness=K, dampi
     nodes = np.array([[0.0, 0.0, 0.0], tip, *anchors])
     count = len(anchors)
     return Model(
-        name="one_bar", description="", axes=(0, 2), node_names=tuple(f"n{i + 1}" for i in range(len(nodes))),
-        bar_names=("b1",), string_names=tuple(f"s{i + 1}" for i in range(count)), nodes=nodes,
-        fixed=[True, False, *[True] * count], bars=[[0, 1]], bar_mass=[1.0], strings=[[2 + i, 1] for i in range(count)],
-        stiffness=np.full(count, stiffness), damping=np.full(count, damping), rest_length=rest_length,
-        nsh=(nsh,) * count, damping_law="literal", gravity=gravity, nominal=nodes,
-    )  # fmt: skip
+        name="one_bar",
+        description="",
+        axes=(0, 2),
+        node_names=tuple(f"n{i + 1}" for i in range(len(nodes))),
+        bar_names=("b1",),
+        string_names=tuple(f"s{i + 1}" for i in range(count)),
+        nodes=nodes,
+        fixed=[True, False, *[True] * count],
+        bars=[[0, 1]],
+        bar_mass=[1.0],
+        strings=[[2 + i, 1] for i in range(count)],
+        stiffness=np.full(count, stiffness),
+        damping=np.full(count, damping),
+        rest_length=rest_length,
+        nsh=(nsh,) * count,
+        damping_law="literal",
+        gravity=gravity,
+        nominal=nodes,
+    )
 
 
 def at(angle):

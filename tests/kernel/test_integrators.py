@@ -185,7 +185,9 @@ def test_ros2_has_a_bounded_cost_and_stays_stable(damping, stiffness):
 def test_ros2_converges_to_the_same_motion(name):
     model = changed(scene(name), 500)
     exact = advance(pushed(model, method="dop853", tolerance=1e-11), 20, 0.01)
-    errors = [np.abs(advance(pushed(model, method="ros2", max_step=h), 20, 0.01) - exact).max() for h in (1e-3, 2.5e-4, 6.25e-5)]
+    errors = [
+        np.abs(advance(pushed(model, method="ros2", max_step=h), 20, 0.01) - exact).max() for h in (1e-3, 2.5e-4, 6.25e-5)
+    ]
     assert errors[2] < 0.2 * errors[1] < 0.06 * errors[0] < 1e-3
 
 

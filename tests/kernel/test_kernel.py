@@ -93,9 +93,7 @@ def test_jacobian_is_the_derivative_of_the_right_hand_side(name, law):
 
 # --- negative stiffness honeycombs ---------------------------------------------------------------------------------
 
-beams = st.lists(
-    st.tuples(st.floats(0.5, 50.0), st.floats(2.05, 7.95), st.floats(1e-3, 0.05)), min_size=1, max_size=6
-)
+beams = st.lists(st.tuples(st.floats(0.5, 50.0), st.floats(2.05, 7.95), st.floats(1e-3, 0.05)), min_size=1, max_size=6)
 
 
 def curve_errors(honeycomb, samples=400):
@@ -208,9 +206,14 @@ def test_a_transition_at_a_communication_point_is_taken_once():
 
 @pytest.mark.parametrize(
     "method, order, steps, slack",
-    [("dop853", 8, (3, 6), 0.6), ("rodas5p", 5, (8, 16), 0.6), ("rk4", 4, (20, 40), 0.6), ("ros2", 2, (40, 80), 0.2),
-     ("radau9", 9, (1, 2), 1.0)],
-)  # fmt: skip
+    [
+        ("dop853", 8, (3, 6), 0.6),
+        ("rodas5p", 5, (8, 16), 0.6),
+        ("rk4", 4, (20, 40), 0.6),
+        ("ros2", 2, (40, 80), 0.2),
+        ("radau9", 9, (1, 2), 1.0),
+    ],
+)
 def test_measured_order(method, order, steps, slack):
     """Fixed steps (a loose tolerance, a largest step) on a stretch without transitions.  Radau's Newton iterations stop at
     the tolerance's scale, which costs some of its order."""
@@ -284,10 +287,18 @@ def test_relabelled_nodes_move_the_same(name):
     place = np.argsort(order)
     strings = place[model.strings][::-1, ::-1]
     other = dataclasses.replace(
-        model, node_names=tuple(model.node_names[i] for i in order), nodes=model.nodes[order], fixed=model.fixed[order],
-        nominal=model.nominal[order], velocity=model.velocity[order], bars=place[model.bars][[2, 0, 1]][:, ::-1],
-        strings=strings, rest_length=model.rest_length[::-1], nsh=model.nsh[::-1], stiffness=model.stiffness[::-1],
-    )  # fmt: skip
+        model,
+        node_names=tuple(model.node_names[i] for i in order),
+        nodes=model.nodes[order],
+        fixed=model.fixed[order],
+        nominal=model.nominal[order],
+        velocity=model.velocity[order],
+        bars=place[model.bars][[2, 0, 1]][:, ::-1],
+        strings=strings,
+        rest_length=model.rest_length[::-1],
+        nsh=model.nsh[::-1],
+        stiffness=model.stiffness[::-1],
+    )
     force = push(model)
     a = kernel.simulate(model, constant(model, force, 1.0, 0.1))
     b = kernel.simulate(other, constant(other, force[order], 1.0, 0.1))
@@ -384,11 +395,16 @@ def test_damaged_models_are_refused():
 @pytest.mark.parametrize(
     "field, value, says",
     [
-        ("force", np.nan, "not a finite"), ("force", np.inf, "not a finite"), ("rest_length", -1e-9, "negative"),
-        ("rest_length", np.nan, "not a finite"), ("rest_length_rate", -np.inf, "not a finite"),
-        ("stiffness", -1.0, "negative"), ("damping", -1.0, "negative"), ("gravity", np.nan, "not a finite"),
+        ("force", np.nan, "not a finite"),
+        ("force", np.inf, "not a finite"),
+        ("rest_length", -1e-9, "negative"),
+        ("rest_length", np.nan, "not a finite"),
+        ("rest_length_rate", -np.inf, "not a finite"),
+        ("stiffness", -1.0, "negative"),
+        ("damping", -1.0, "negative"),
+        ("gravity", np.nan, "not a finite"),
     ],
-)  # fmt: skip
+)
 def test_bad_inputs_are_named_and_leave_no_trace(field, value, says):
     k = Kernel(scene("three_bar_nsh"))
     k.initialize()
@@ -407,8 +423,18 @@ def test_bad_inputs_are_named_and_leave_no_trace(field, value, says):
     np.testing.assert_array_equal(k.values, twin.values)
 
 
-@pytest.mark.parametrize("field, value", [("bar_mass", 0.0), ("nsh_zeta", 9.0), ("nsh_Q", -1.0), ("nsh_h", 0.0),
-                                          ("tolerance", 0.0), ("max_step", -1.0), ("method", 99)])  # fmt: skip
+@pytest.mark.parametrize(
+    "field, value",
+    [
+        ("bar_mass", 0.0),
+        ("nsh_zeta", 9.0),
+        ("nsh_Q", -1.0),
+        ("nsh_h", 0.0),
+        ("tolerance", 0.0),
+        ("max_step", -1.0),
+        ("method", 99),
+    ],
+)
 def test_bad_parameters_are_refused_at_the_start(field, value):
     k = Kernel(scene("three_bar_nsh"))
     k.initialize()
@@ -592,9 +618,16 @@ def test_a_result_has_all_outputs_and_no_other():
         type(run)(run.times, heat=run.times, **run.outputs)
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"compared": ""}, "compared = ''"), ({"compared": "colour"}, "compared = 'colour'"), ({"role": "outptu"}, "'outptu'"),
-    ({"shape": ("X",)}, "'X'"), ({"rate_of": "cold"}, "unknown field")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"compared": ""}, "compared = ''"),
+        ({"compared": "colour"}, "compared = 'colour'"),
+        ({"role": "outptu"}, "'outptu'"),
+        ({"shape": ("X",)}, "'X'"),
+        ({"rate_of": "cold"}, "unknown field"),
+    ],
+)
 def test_an_incomplete_row_is_refused(change, words):
     row = fields.outputs()[0]._replace(name="heat", **change)
     with pytest.raises(ValueError, match=words):

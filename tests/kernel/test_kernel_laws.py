@@ -26,11 +26,27 @@ def mast(stiffness=5000.0, damping=20.0, law="literal", rest=1.4, **fields) -> M
     nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     both = {name: (None, fields.pop(name)) for name in ("nsh", "element", "damper") if name in fields}
     return Model(
-        name="mast", description="a guyed mast", axes=(0, 2), node_names=("base", "tip", "west", "east"), bar_names=("bar",),
-        string_names=("left", "right"), nodes=nodes, fixed=np.array([True, False, True, True]), bars=[[0, 1]], bar_mass=[1.0],
-        strings=[[1, 2], [1, 3]], stiffness=[2000.0, stiffness], damping=[damping, damping], rest_length=[rest, rest],
-        nsh=both.pop("nsh", (None, None)), damping_law=law, gravity=0.0, nominal=nodes, **both, **fields,
-    )  # fmt: skip
+        name="mast",
+        description="a guyed mast",
+        axes=(0, 2),
+        node_names=("base", "tip", "west", "east"),
+        bar_names=("bar",),
+        string_names=("left", "right"),
+        nodes=nodes,
+        fixed=np.array([True, False, True, True]),
+        bars=[[0, 1]],
+        bar_mass=[1.0],
+        strings=[[1, 2], [1, 3]],
+        stiffness=[2000.0, stiffness],
+        damping=[damping, damping],
+        rest_length=[rest, rest],
+        nsh=both.pop("nsh", (None, None)),
+        damping_law=law,
+        gravity=0.0,
+        nominal=nodes,
+        **both,
+        **fields,
+    )
 
 
 def law(element, x, stiffness=5000.0):
@@ -93,7 +109,7 @@ def test_the_articles_honeycomb_with_memory():
     up, down = snaps[snaps == np.maximum.accumulate(snaps)], snaps[3:]
     np.testing.assert_allclose(up, [0.0351, 0.0584, 0.0839], atol=1e-4)
     assert len(down) == 4 and (np.diff(down) < 0.0).all()
-    last = np.flatnonzero(loss[: len(there)]) - 1      # of the sweep, before a snap
+    last = np.flatnonzero(loss[: len(there)]) - 1  # of the sweep, before a snap
     np.testing.assert_allclose(force[last], [19.07, 24.20, 37.10], atol=0.5)  # it falls as a square root there
     np.testing.assert_allclose(force[last[:2]], [19.07, 24.20], atol=5e-3)
     assert loss.sum() == pytest.approx(0.457, abs=1e-3)
@@ -113,10 +129,11 @@ def test_a_fold_is_where_the_elongation_is_largest():
     def elongation(u):
         force = beam_force(3, u)
         others = [
-            2.0 * ARTICLE.h[j] if force >= 4.0 * ARTICLE.Q[j]
+            2.0 * ARTICLE.h[j]
+            if force >= 4.0 * ARTICLE.Q[j]
             else brentq(lambda v: beam_force(j, v) - force, third[j], 2.0 * ARTICLE.h[j], xtol=1e-17)
             for j in range(3)
-        ]  # fmt: skip
+        ]
         return u + sum(others) + force / 5000.0, force
 
     u = np.linspace(0.00705, 0.00714, 2001)
@@ -173,11 +190,14 @@ class Relaxation:
         return max(0.0, self.k * (x - u.sum()))
 
 
-@pytest.mark.parametrize("nsh, stiffness", [
-    (NSH((6.0, 9.0), (4.0, 5.0), (0.01, 0.02), "hysteretic"), 800.0),
-    (NSH((6.0, 5.0), (9.0, 5.0), (0.01, 0.02), "hysteretic"), 20000.0),     # the first bistable: it stays snapped when slack
-    (NSH((8.0, 3.0, 5.0), (1.5, 12.0, 7.0), (0.01, 0.01, 0.02), "hysteretic"), 1500.0),
-])
+@pytest.mark.parametrize(
+    "nsh, stiffness",
+    [
+        (NSH((6.0, 9.0), (4.0, 5.0), (0.01, 0.02), "hysteretic"), 800.0),
+        (NSH((6.0, 5.0), (9.0, 5.0), (0.01, 0.02), "hysteretic"), 20000.0),  # the first bistable: it stays snapped when slack
+        (NSH((8.0, 3.0, 5.0), (1.5, 12.0, 7.0), (0.01, 0.01, 0.02), "hysteretic"), 1500.0),
+    ],
+)
 def test_curves_with_memory_follow_the_flow(nsh, stiffness):
     kernel, flow = Kernel(mast(stiffness, nsh=nsh)), Relaxation(nsh, stiffness)
     total = 2.0 * sum(nsh.h) + 4.0 * max(nsh.Q) / stiffness
@@ -234,13 +254,16 @@ PLATEAU = Table((0.0, 0.019, 0.028, 0.046, 0.065), (0.0, 1.63, 1.14, 1.14, 3.15)
 PEAKED = Table((0.0, 0.018, 0.033, 0.053, 0.085), (0.0, 2.57, 0.91, 0.91, 4.3), "cubic")
 
 
-@pytest.mark.parametrize("parts, stiffness", [
-    ((Beam(2.4, 11.0, 0.024),) * 2, 34000.0),   # stiff: the second stays on its rise while the first falls, and back
-    ((Beam(10.0, 5.0, 0.02),) * 3, 190.0),      # soft: one snap after the other
-    ((PLATEAU, Beam(10.5, 1.07, 0.0056), PEAKED), 9200.0),      # one falls while another goes back along a level stretch
-    ((Parallel((Beam(6.0, 5.0, 0.01), Spring(100.0))), Series((CELL, Spring(200.0)))), 5000.0),
-    ((Parallel((PEAKED,)), Polynomial((200.0, 0.0, 1e6))), 45000.0),
-])
+@pytest.mark.parametrize(
+    "parts, stiffness",
+    [
+        ((Beam(2.4, 11.0, 0.024),) * 2, 34000.0),  # stiff: the second stays on its rise while the first falls, and back
+        ((Beam(10.0, 5.0, 0.02),) * 3, 190.0),  # soft: one snap after the other
+        ((PLATEAU, Beam(10.5, 1.07, 0.0056), PEAKED), 9200.0),  # one falls while another goes back along a level stretch
+        ((Parallel((Beam(6.0, 5.0, 0.01), Spring(100.0))), Series((CELL, Spring(200.0)))), 5000.0),
+        ((Parallel((PEAKED,)), Polynomial((200.0, 0.0, 1e6))), 45000.0),
+    ],
+)
 def test_graphs_of_all_sorts_of_parts_are_consistent(parts, stiffness):
     assert_consistent(Kernel(mast(stiffness, element=Series(parts, "hysteretic"))), 40.0)
 
@@ -265,12 +288,15 @@ def test_single_elements():
     assert law(Beam(6.0, 5.0, 0.01), 0.023)[0] == pytest.approx(24.0 + 5000.0 * 0.003, rel=1e-13)  # past its stop
 
 
-@pytest.mark.parametrize("points", [
-    ((0.0, 0.01, 0.03, 0.035, 0.06), (0.0, 2.0, 2.5, 2.5, 7.0)),
-    ((0.0, 0.01, 0.02, 0.03), (0.0, 3.0, 1.0, 5.0)),
-    ((0.0, 0.004, 0.02, 0.021, 0.05), (0.0, 0.001, 4.0, 9.0, 9.5)),
-    ((0.0, 0.01), (0.0, 3.0)),
-])
+@pytest.mark.parametrize(
+    "points",
+    [
+        ((0.0, 0.01, 0.03, 0.035, 0.06), (0.0, 2.0, 2.5, 2.5, 7.0)),
+        ((0.0, 0.01, 0.02, 0.03), (0.0, 3.0, 1.0, 5.0)),
+        ((0.0, 0.004, 0.02, 0.021, 0.05), (0.0, 0.001, 4.0, 9.0, 9.5)),
+        ((0.0, 0.01), (0.0, 3.0)),
+    ],
+)
 def test_tables(points):
     from scipy.interpolate import PchipInterpolator
 
@@ -295,7 +321,7 @@ def test_parallel_is_the_sum():
     for row in range(3):
         np.testing.assert_allclose(together[row], sum(one[row] for one in laws), rtol=1e-12)
     stop = law(Parallel(parts), 0.02)[0]
-    assert law(Parallel(parts), 0.025)[0] == pytest.approx(stop + 5000.0 * 0.005, rel=1e-12)   # the beam's stop is that of all
+    assert law(Parallel(parts), 0.025)[0] == pytest.approx(stop + 5000.0 * 0.005, rel=1e-12)  # the beam's stop is that of all
     kernel = Kernel(mast(element=Parallel(parts)))
     assert [p.snapped for p in kernel.pieces(1)][-1] == 1
 
@@ -338,7 +364,7 @@ def test_equal_parts_snap_one_after_the_other():
 def test_nested_parts():
     """A beam with a spring beside it, in series with a spring and with a series of its own."""
     f = beam(6.0, 5.0, 0.01)
-    stiffened = Parallel((Beam(6.0, 5.0, 0.01), Spring(2000.0)))    # monotone
+    stiffened = Parallel((Beam(6.0, 5.0, 0.01), Spring(2000.0)))  # monotone
     element = Series((stiffened, Series((Spring(300.0), Polynomial((200.0, 0.0, 1e6))))))
 
     def elongation(force):
@@ -363,19 +389,22 @@ def test_a_fitted_part_snaps():
     after = np.flatnonzero((alone >= alone[peak]) & (np.arange(300) > peak + 3))[0]
     assert 0 < peak < after - 10
     force = law(Series((part, Spring(700.0))), x[peak + 2 : after - 2] + alone[:90].max() / 700.0)[0]
-    np.testing.assert_allclose(force, alone[peak + 2 : after - 2], rtol=0, atol=2e-3)   # the peak lies between samples
+    np.testing.assert_allclose(force, alone[peak + 2 : after - 2], rtol=0, atol=2e-3)  # the peak lies between samples
 
 
-@pytest.mark.parametrize("element, message", [
-    (Parallel((Spring(1.0), Series((CELL, CELL), "hysteretic"))), "outermost"),
-    (Series((Beam(6.0, 9.0, 0.01), Spring(100.0))), "must be hysteretic"),
-    (Series((Polynomial((100.0, -1000.0)), Spring(100.0))), "bears again|hysteretic"),
-    (Series((Table((0.0, 1.0), (0.0, -1.0)), Spring(1.0))), "does not rise"),
-    (Series((Table((0.0, 1.0), (0.0, -1.0)), Spring(1.0)), "hysteretic"), "does not rise"),
-    (Table((0.0, 0.02, 0.01), (0.0, 1.0, 2.0)), "does not increase"),
-    (Spring(-5.0), "stiffness is not positive"),
-    (Polynomial((1.0, np.inf)), "damaged"),
-])
+@pytest.mark.parametrize(
+    "element, message",
+    [
+        (Parallel((Spring(1.0), Series((CELL, CELL), "hysteretic"))), "outermost"),
+        (Series((Beam(6.0, 9.0, 0.01), Spring(100.0))), "must be hysteretic"),
+        (Series((Polynomial((100.0, -1000.0)), Spring(100.0))), "bears again|hysteretic"),
+        (Series((Table((0.0, 1.0), (0.0, -1.0)), Spring(1.0))), "does not rise"),
+        (Series((Table((0.0, 1.0), (0.0, -1.0)), Spring(1.0)), "hysteretic"), "does not rise"),
+        (Table((0.0, 0.02, 0.01), (0.0, 1.0, 2.0)), "does not increase"),
+        (Spring(-5.0), "stiffness is not positive"),
+        (Polynomial((1.0, np.inf)), "damaged"),
+    ],
+)
 def test_laws_that_cannot_be(element, message):
     with pytest.raises(TensegrityError, match=message):
         Kernel(mast(300.0, element=element))
@@ -436,7 +465,9 @@ def test_fixed_steps_that_do_not_locate_every_transition():
     pieces = kernel.pieces(1)
     called = [0 if p.slack else 1 + p.snapped for p in pieces]
     for t in found:  # what it loses is lost on a way along the graph between such pieces
-        pairs = [(a, b) for a, one in enumerate(called) for b, other in enumerate(called) if (one, other) == (t.before, t.after)]
+        pairs = [
+            (a, b) for a, one in enumerate(called) for b, other in enumerate(called) if (one, other) == (t.before, t.after)
+        ]
         ways = [walk_from(pieces, a, pieces[b]) for a, b in pairs]
         assert any(passed == b and t.loss == pytest.approx(lost, abs=1e-12) for (_, b), (passed, lost) in zip(pairs, ways))
 
@@ -471,10 +502,22 @@ def test_equal_strings_snap_together():
     model = mast(nsh=MEMORY)
     nodes = np.vstack([model.nodes, [[1.0, 0.0, 0.0]]])
     model = dataclasses.replace(
-        model, nodes=nodes, nominal=nodes, velocity=None, fixed=np.append(model.fixed, True), strings=[[1, 2], [1, 3], [1, 4]],
-        node_names=(*model.node_names, "again"), string_names=("left", "right", "twin"), stiffness=[2000.0, 5000.0, 5000.0],
-        damping=[20.0] * 3, rest_length=[2.0**0.5] * 3, nsh=(None, MEMORY, MEMORY), element=(), damper=(), actuator=(),
-    )  # fmt: skip
+        model,
+        nodes=nodes,
+        nominal=nodes,
+        velocity=None,
+        fixed=np.append(model.fixed, True),
+        strings=[[1, 2], [1, 3], [1, 4]],
+        node_names=(*model.node_names, "again"),
+        string_names=("left", "right", "twin"),
+        stiffness=[2000.0, 5000.0, 5000.0],
+        damping=[20.0] * 3,
+        rest_length=[2.0**0.5] * 3,
+        nsh=(None, MEMORY, MEMORY),
+        element=(),
+        damper=(),
+        actuator=(),
+    )
     _, transitions, ledger = pulled(model, "auto", 1e-9, peak=60.0)
     one, two = ([(t.time, t.before, t.after, t.loss) for t in transitions if t.string == s] for s in (1, 2))
     assert one == two and len([t for t in one if t[3] > 0.0]) == 7 and ledger < 1e-8
@@ -488,7 +531,7 @@ def test_a_saved_state_keeps_the_memory():
         kernel["force"][0] = -28.0
         for _ in range(100):
             kernel.step(0.01)
-        kernel["force"][0] = -20.0          # on a branch that a first loading does not pass
+        kernel["force"][0] = -20.0  # on a branch that a first loading does not pass
         for _ in range(40):
             kernel.step(0.01)
         state = kernel.save()
@@ -521,7 +564,7 @@ def test_a_step_that_fails_leaves_the_memory():
     with pytest.raises(InputError, match="stiffness of a string with memory"):
         kernel.step(0.01)
     kernel["stiffness"][1] = 5000.0
-    kernel["stiffness"][0] = 2100.0     # of a plain string it may change
+    kernel["stiffness"][0] = 2100.0  # of a plain string it may change
     kernel.step(0.01)
     kernel.restore(state)
     assert kernel.save() == state
@@ -570,12 +613,17 @@ def test_any_shape_is_a_beam_with_memory_only():
 # --- dampers ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("damper, force", [
-    (Polynomial((30.0, 0.0, 400.0)), lambda r: 30.0 * r + 400.0 * r**3),
-    (Polynomial((0.0, 80.0)), lambda r: 80.0 * r * abs(r)),
-    (Table((0.0, 0.1, 0.3), (0.0, 9.0, 12.0)),
-     lambda r: np.sign(r) * (min(abs(r), 0.1) * 90.0 + max(0.0, abs(r) - 0.1) * 15.0)),
-])
+@pytest.mark.parametrize(
+    "damper, force",
+    [
+        (Polynomial((30.0, 0.0, 400.0)), lambda r: 30.0 * r + 400.0 * r**3),
+        (Polynomial((0.0, 80.0)), lambda r: 80.0 * r * abs(r)),
+        (
+            Table((0.0, 0.1, 0.3), (0.0, 9.0, 12.0)),
+            lambda r: np.sign(r) * (min(abs(r), 0.1) * 90.0 + max(0.0, abs(r) - 0.1) * 15.0),
+        ),
+    ],
+)
 def test_dampers(damper, force):
     """Their force adds to that of d; the ledger closes; the Jacobian sees them."""
     model = mast(rest=1.35, damper=damper, damping=10.0)
@@ -609,18 +657,21 @@ def test_a_linear_damper_is_d():
 # --- order -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fields", [
-    {"nsh": MEMORY},
-    {"element": Parallel((Table((0.0, 0.01, 0.03), (0.0, 10.0, 20.0), "cubic"), Polynomial((100.0, 0.0, 1e5))))},
-    {"element": Series((Beam(6.0, 5.0, 0.01), Spring(800.0), Table((0.0, 0.01, 0.02), (0.0, 6.0, 18.0))))},
-    {"damper": Polynomial((10.0, 0.0, 200.0)), "element": Series((Polynomial((400.0, 0.0, 4e6)), Spring(500.0)))},
-])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"nsh": MEMORY},
+        {"element": Parallel((Table((0.0, 0.01, 0.03), (0.0, 10.0, 20.0), "cubic"), Polynomial((100.0, 0.0, 1e5))))},
+        {"element": Series((Beam(6.0, 5.0, 0.01), Spring(800.0), Table((0.0, 0.01, 0.02), (0.0, 6.0, 18.0))))},
+        {"damper": Polynomial((10.0, 0.0, 200.0)), "element": Series((Polynomial((400.0, 0.0, 4e6)), Spring(500.0)))},
+    ],
+)
 def test_fixed_steps_keep_their_order(fields):
     model = mast(rest=2.0**0.5 - 0.003, **fields)
     exact = pulled(model, "radau9", 1e-13, steps=20)[0].state[:4]
     errors = [np.abs(pulled(model, "rk4", steps=20, max_step=h)[0].state[:4] - exact).max() for h in (4e-4, 2e-4, 1e-4)]
     order = np.log2(errors[0] / errors[2]) / 2.0
-    if "nsh" in fields:     # at a fold the force ends as a square root: 5/2
+    if "nsh" in fields:  # at a fold the force ends as a square root: 5/2
         assert errors[2] < 1e-6 and order > 2.3, (errors, order)
     else:
         assert errors[2] < 1e-7 and (order > 3.0 or errors[2] < 1e-11), (errors, order)

@@ -42,10 +42,25 @@ def ledger_error(kernel, start):
 def free_bar():
     nodes = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5], [9.0, 0.0, 0.0], [9.0, 0.0, 1.0]])
     return Model(
-        "bar", "", (0, 1, 2), ("n1", "n2", "n3", "n4"), ("b1",), ("s1",), nodes, np.array([False, False, True, True]),
-        np.array([[0, 1]]), np.array([2.0]), np.array([[2, 3]]), np.array([10.0]), np.array([0.0]), np.array([2.0]),
-        (None,), "literal", 0.0, nodes,
-    )  # fmt: skip
+        "bar",
+        "",
+        (0, 1, 2),
+        ("n1", "n2", "n3", "n4"),
+        ("b1",),
+        ("s1",),
+        nodes,
+        np.array([False, False, True, True]),
+        np.array([[0, 1]]),
+        np.array([2.0]),
+        np.array([[2, 3]]),
+        np.array([10.0]),
+        np.array([0.0]),
+        np.array([2.0]),
+        (None,),
+        "literal",
+        0.0,
+        nodes,
+    )
 
 
 @pytest.mark.parametrize("method", [*ADAPTIVE, "rk4", "ros2"])
@@ -264,6 +279,8 @@ def test_output_derivatives_where_a_string_is_clipped():
             seen += 1
             for name in ("dissipated", "throughput", "input_work", "elastic"):
                 expected = (kernel[name] - before[name]) / shift
-                np.testing.assert_allclose(found[name], expected, rtol=2e-2, atol=1e-3 * np.abs(expected).max() + 1e-2, err_msg=name)
+                np.testing.assert_allclose(
+                    found[name], expected, rtol=2e-2, atol=1e-3 * np.abs(expected).max() + 1e-2, err_msg=name
+                )
         kernel.restore(state)
     assert seen > 5

@@ -229,7 +229,9 @@ def test_the_python_fmu_keeps_its_bytes(instance):
 # --- work ----------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name, method, h", [("two_bar", "dop853", 0.05), ("three_bar_nsh", "auto", 0.05), ("two_bar", "rodas5p", 1.0)])
+@pytest.mark.parametrize(
+    "name, method, h", [("two_bar", "dop853", 0.05), ("three_bar_nsh", "auto", 0.05), ("two_bar", "rodas5p", 1.0)]
+)
 def test_a_call_gives_up_after_a_bounded_amount_of_work(name, method, h):
     """Bars of 1e-15 kg: oscillations of 1e-8 s.  What limits the call is no clock, so that all machines give up alike."""
     model = scene(name)

@@ -66,49 +66,157 @@ WHOLE = GOOD.replace('"cable", nsh = "soft" }', '"cable", element = "stack", dam
 BAD = {
     "unknown element": ('element = "stack"', 'element = "stak"', "strings.s1.element", "'stak'", "[elements]", "mean stack?"),
     "unknown damper": ('damper = "cubic"', 'damper = "cubik"', "strings.s1.damper", "'cubik'", "[dampers]", "mean cubic?"),
-    "unknown part": ('"rubber", "measured"]', '"ruber", "measured"]',
-        "elements.stack.parts[3]", "'ruber'", "[elements]", "mean rubber?"),
+    "unknown part": (
+        '"rubber", "measured"]',
+        '"ruber", "measured"]',
+        "elements.stack.parts[3]",
+        "'ruber'",
+        "[elements]",
+        "mean rubber?",
+    ),
     "no kind": ('kind = "spring"\n', "", "elements.soft_spring.kind", "None", "missing", "series"),
     "unknown kind": ('"spring"', '"coil"', "elements.soft_spring.kind", "'coil'", "not one of", "polynomial"),
-    "key of another kind": ('kind = "spring"', 'kind = "spring"\nzeta = 3.0',
-        "elements.soft_spring.zeta", "3.0", "not belong to a spring", "Keys here: kind, stiffness"),
-    "spring without stiffness": ("stiffness = 3000.0\n", "", "elements.soft_spring.stiffness", "None", "missing in a spring",
-        "stiffness in N/m"),
-    "no parts": ('parts = ["arch", "soft_spring"]', "parts = []",
-        "elements.braced.parts", "[]", "too few", "names of its parts"),
-    "circle": ('parts = ["arch", "soft_spring"]', 'parts = ["arch", "stack"]',
-        "elements.stack.parts[1]", "'braced'", "circle: braced -> stack -> braced", "outside it"),
-    "memory as a part": ('"rubber", "measured"]', '"rubber", "snapping"]',
-        "elements.stack.parts[4]", "'snapping'", "outermost", 'Write law = "single_valued"'),
+    "key of another kind": (
+        'kind = "spring"',
+        'kind = "spring"\nzeta = 3.0',
+        "elements.soft_spring.zeta",
+        "3.0",
+        "not belong to a spring",
+        "Keys here: kind, stiffness",
+    ),
+    "spring without stiffness": (
+        "stiffness = 3000.0\n",
+        "",
+        "elements.soft_spring.stiffness",
+        "None",
+        "missing in a spring",
+        "stiffness in N/m",
+    ),
+    "no parts": (
+        'parts = ["arch", "soft_spring"]',
+        "parts = []",
+        "elements.braced.parts",
+        "[]",
+        "too few",
+        "names of its parts",
+    ),
+    "circle": (
+        'parts = ["arch", "soft_spring"]',
+        'parts = ["arch", "stack"]',
+        "elements.stack.parts[1]",
+        "'braced'",
+        "circle: braced -> stack -> braced",
+        "outside it",
+    ),
+    "memory as a part": (
+        '"rubber", "measured"]',
+        '"rubber", "snapping"]',
+        "elements.stack.parts[4]",
+        "'snapping'",
+        "outermost",
+        'Write law = "single_valued"',
+    ),
     "bistable arch": ("zeta = 5.0", "zeta = 9.0", "elements.arch.zeta", "9.0", "bistable", 'beams = "any"'),
-    "fewer forces": ("[0.0, 8.0, 12.0, 30.0]", "[0.0, 8.0, 12.0]",
-        "elements.measured.force", "[0.0, 8.0, 12.0]", "3 values where elongation has 4", "one force per"),
-    "table not sorted": ("[0.0, 0.01, 0.02, 0.03]", "[0.0, 0.02, 0.01, 0.03]",
-        "elements.measured.elongation[3]", "0.01", "not exceed", "Sort"),
+    "fewer forces": (
+        "[0.0, 8.0, 12.0, 30.0]",
+        "[0.0, 8.0, 12.0]",
+        "elements.measured.force",
+        "[0.0, 8.0, 12.0]",
+        "3 values where elongation has 4",
+        "one force per",
+    ),
+    "table not sorted": (
+        "[0.0, 0.01, 0.02, 0.03]",
+        "[0.0, 0.02, 0.01, 0.03]",
+        "elements.measured.elongation[3]",
+        "0.01",
+        "not exceed",
+        "Sort",
+    ),
     "table from elsewhere": ("[0.0, 8.0", "[1.0, 8.0", "elements.measured.force[1]", "1.0", "is not 0", "start with 0"),
-    "unknown interpolation": ('"cubic"\n\n[elements.braced]', '"spline"\n\n[elements.braced]',
-        "elements.measured.interpolation", "'spline'", "not one of", "cubic"),
-    "falls below 0": ("[2000.0, 0.0, 1.0e6]", "[2000.0, -4.0e5, 1.0e7]", "elements.stack", "'series'", "falls to -",
-        "Keep the force"),
-    "falls in the end": ("[2000.0, 0.0, 1.0e6]", "[2000.0, -1.0]", "elements.rubber", "polynomial", "falls in the end",
-        "Let the first"),
-    "eight coefficients": ("[2000.0, 0.0, 1.0e6]", "[1, 2, 3, 4, 5, 6, 7, 8]",
-        "elements.rubber.coefficients", "[1, 2, 3, 4, 5, 6, 7, 8]", "too many", "1 to 7"),
-    "element and nsh": ('element = "stack"', 'element = "stack", nsh = "soft"',
-        "strings.s1.element", "'stack'", "nsh too", "Keep one"),
-    "damper and damping": ('damper = "cubic"', 'damper = "cubic", damping = 5.0',
-        "strings.s1.damper", "'cubic'", "damping too", "Keep one"),
-    "no stiffness beyond the stop": ('material = "cable", element = "stack"', 'element = "arch"', "strings.s1", "'arch'",
-        "no stiffness", "Give material"),
+    "unknown interpolation": (
+        '"cubic"\n\n[elements.braced]',
+        '"spline"\n\n[elements.braced]',
+        "elements.measured.interpolation",
+        "'spline'",
+        "not one of",
+        "cubic",
+    ),
+    "falls below 0": (
+        "[2000.0, 0.0, 1.0e6]",
+        "[2000.0, -4.0e5, 1.0e7]",
+        "elements.stack",
+        "'series'",
+        "falls to -",
+        "Keep the force",
+    ),
+    "falls in the end": (
+        "[2000.0, 0.0, 1.0e6]",
+        "[2000.0, -1.0]",
+        "elements.rubber",
+        "polynomial",
+        "falls in the end",
+        "Let the first",
+    ),
+    "eight coefficients": (
+        "[2000.0, 0.0, 1.0e6]",
+        "[1, 2, 3, 4, 5, 6, 7, 8]",
+        "elements.rubber.coefficients",
+        "[1, 2, 3, 4, 5, 6, 7, 8]",
+        "too many",
+        "1 to 7",
+    ),
+    "element and nsh": (
+        'element = "stack"',
+        'element = "stack", nsh = "soft"',
+        "strings.s1.element",
+        "'stack'",
+        "nsh too",
+        "Keep one",
+    ),
+    "damper and damping": (
+        'damper = "cubic"',
+        'damper = "cubic", damping = 5.0',
+        "strings.s1.damper",
+        "'cubic'",
+        "damping too",
+        "Keep one",
+    ),
+    "no stiffness beyond the stop": (
+        'material = "cable", element = "stack"',
+        'element = "arch"',
+        "strings.s1",
+        "'arch'",
+        "no stiffness",
+        "Give material",
+    ),
     "damper without law": ("coefficients = [40.0, 0.0, 5.0]", "", "dampers.cubic", "{}", "no law", "rate and force"),
-    "damper with both": ("coefficients = [40.0, 0.0, 5.0]", "coefficients = [40.0]\nforce = [0.0, 1.0]",
-        "dampers.cubic.force", "[0.0, 1.0]", "not belong", "coefficients"),
+    "damper with both": (
+        "coefficients = [40.0, 0.0, 5.0]",
+        "coefficients = [40.0]\nforce = [0.0, 1.0]",
+        "dampers.cubic.force",
+        "[0.0, 1.0]",
+        "not belong",
+        "coefficients",
+    ),
     "damper that drives": ("[40.0, 0.0, 5.0]", "[-40.0]", "dampers.cubic", "-40.0", "drive the string", "Keep it at 0"),
-    "bistable without memory": ("zeta = [3.0, 4.0]", 'zeta = [3.0, 8.5]\nbeams = "any"',
-        "nsh.soft.zeta[2]", "8.5", "means nothing without memory", 'law = "hysteretic"'),
-    "monotone without memory": ("zeta = [3.0, 4.0]", 'zeta = [3.0, 1.5]\nbeams = "any"',
-        "nsh.soft.zeta[2]", "1.5", "monotone", "series of such beams"),
-}  # fmt: skip
+    "bistable without memory": (
+        "zeta = [3.0, 4.0]",
+        'zeta = [3.0, 8.5]\nbeams = "any"',
+        "nsh.soft.zeta[2]",
+        "8.5",
+        "means nothing without memory",
+        'law = "hysteretic"',
+    ),
+    "monotone without memory": (
+        "zeta = [3.0, 4.0]",
+        'zeta = [3.0, 1.5]\nbeams = "any"',
+        "nsh.soft.zeta[2]",
+        "1.5",
+        "monotone",
+        "series of such beams",
+    ),
+}
 
 
 def test_a_scene_with_every_kind_of_element():
@@ -119,7 +227,7 @@ def test_a_scene_with_every_kind_of_element():
     table = Table((0.0, 0.01, 0.02, 0.03), (0.0, 8.0, 12.0, 30.0), "cubic")
     assert model.element[0] == Series((braced, braced, rubber, table)) and model.element[1:] == (None, None)
     assert model.damper[0] == Polynomial((40.0, 0.0, 5.0)) and model.damping[0] == 0.0 and model.damping[1] == 500.0
-    assert np.abs(statics.residual(model)).max() < 1e-10    # the rest length comes from the law's inverse
+    assert np.abs(statics.residual(model)).max() < 1e-10  # the rest length comes from the law's inverse
     assert not list(jsonschema.Draft202012Validator(scene_schema()).iter_errors(raw))
     raw["strings"]["s1"]["damper"] = "valve"
     raw["strings"]["s1"]["element"] = "snapping"
@@ -152,8 +260,9 @@ def test_a_tree_without_bounds_is_refused():
         parse_scene(raw)
 
 
-@pytest.mark.parametrize("law, beams, zeta", [("hysteretic", "metastable", 4.0), ("hysteretic", "any", 9.0),
-                                              ("hysteretic", "any", 1.5)])
+@pytest.mark.parametrize(
+    "law, beams, zeta", [("hysteretic", "metastable", 4.0), ("hysteretic", "any", 9.0), ("hysteretic", "any", 1.5)]
+)
 def test_laws_of_an_nsh(law, beams, zeta):
     text = GOOD.replace("zeta = [3.0, 4.0]", f'zeta = [3.0, {zeta}]\nlaw = "{law}"\nbeams = "{beams}"')
     model = statics.build_model(parse_scene(tomllib.loads(text)))
@@ -218,7 +327,7 @@ KINDS = {
 def test_ledger_closes_with_every_kind(kind, law):
     model = replace(KINDS[kind], damping_law=law)
     inputs = held(model, grid(0.6, 0.02), lambda t: push_x(3, 2, 60.0 if t % 0.4 < 0.2 else -20.0))
-    inputs.rest_length[20:] += 0.004    # while stretched, so that input jumps are part of it
+    inputs.rest_length[20:] += 0.004  # while stretched, so that input jumps are part of it
     result = reference.simulate(model, inputs)
     assert result.ledger_error() < 1e-8
     lost = sum(t.loss for t in result.transitions)
@@ -234,8 +343,16 @@ def test_slow_stretching_follows_the_curve_with_memory(method):
     """A string between two anchors, whose rest length shrinks: T and the snaps are those of `follow`."""
     model = hung(CELLS, k=200.0, d=0.0)
     nodes = np.vstack((model.nodes, [1.0, 1.0, 0.0]))
-    model = replace(model, node_names=("n1", "n2", "n3", "n4"), nodes=nodes, nominal=nodes, velocity=np.zeros((4, 3)),
-                    fixed=[True, False, False, True], strings=np.array([[0, 3]]), rest_length=[math.sqrt(2.0)])
+    model = replace(
+        model,
+        node_names=("n1", "n2", "n3", "n4"),
+        nodes=nodes,
+        nominal=nodes,
+        velocity=np.zeros((4, 3)),
+        fixed=[True, False, False, True],
+        strings=np.array([[0, 3]]),
+        rest_length=[math.sqrt(2.0)],
+    )
     inputs = held(model, grid(1.0, 0.05), None)
     there = np.where(np.arange(20) < 10, 1.0, -1.0)
     inputs.rest_length_rate[:, 0] = -0.16 * there

@@ -45,7 +45,7 @@ def test_trilinear_cells_in_closed_form():
     np.testing.assert_allclose([e.loss for e in snaps(up + down)], 8e-3 / 7.0, rtol=1e-12)
     assert sum(e.loss for e in up + down) == pytest.approx(48e-3 / 7.0, rel=1e-12)
     order = [next(i for i in range(3) if e.after.at[i] != e.before.at[i]) for e in snaps(up)]
-    assert order == [0, 1, 2]    # ties: the lowest index
+    assert order == [0, 1, 2]  # ties: the lowest index
 
 
 def test_article_honeycomb():
@@ -105,8 +105,11 @@ MIXED = (Parallel((Beam(9.0, 6.0, 0.01), Spring(100.0))), Polynomial((2000.0, -9
 SIMILAR = (*ARTICLE[1:3], Beam(8.1, 4.0, 0.01), Beam(9.9, 5.0, 0.015))
 
 
-@pytest.mark.parametrize("parts, k, far", [(ARTICLE, 5000.0, 0.094), (MIXED, 1500.0, 0.09), (SIMILAR, 3000.0, 0.1)],
-                         ids=["article", "mixed", "similar"])
+@pytest.mark.parametrize(
+    "parts, k, far",
+    [(ARTICLE, 5000.0, 0.094), (MIXED, 1500.0, 0.09), (SIMILAR, 3000.0, 0.1)],
+    ids=["article", "mixed", "similar"],
+)
 def test_against_the_internal_dynamics(parts, k, far):
     slow = swept(parts, k, far)
     branch = start(series(*parts), k)
@@ -117,7 +120,7 @@ def test_against_the_internal_dynamics(parts, k, far):
         for share in shares[::order]:
             x = share * far
             branch, _ = follow(branch, x)
-            if min((abs(x - e) for e in events), default=1.0) > 1e-3 * far:    # the sweep lags behind near a snap
+            if min((abs(x - e) for e in events), default=1.0) > 1e-3 * far:  # the sweep lags behind near a snap
                 u = sweep(share if order > 0 else 2.0 - share)
                 np.testing.assert_allclose(branch.displacements(x), u, rtol=0.0, atol=2e-4 * far)
                 seen += 1

@@ -40,7 +40,7 @@ def test_article_honeycomb_is_a_series_of_beams():
     check_as_nsh(ARTICLE)
     made = law(ARTICLE.element)
     ends = nsh.breakpoints(ARTICLE)
-    for p in range(1, len(ends) + 1):    # and past the ends of its pieces
+    for p in range(1, len(ends) + 1):  # and past the ends of its pieces
         for x in (ends[p - 1] - 1e-5, 0.3 * ends[p - 1] + 0.7 * ends[min(p, 12)], ends[min(p, 12)] + 1e-5):
             assert made.force_on_piece(p, x, K) == pytest.approx(nsh.force_on_piece(ARTICLE, p, x, K), rel=1e-12)
 
@@ -63,13 +63,13 @@ def test_springs_in_series_and_in_parallel():
 
 
 def test_polynomial():
-    made = law(Polynomial((100.0, -6000.0, 120000.0)))    # f' = 100 - 12000 x + 360000 x^2 = 100 (1 - 60 x)^2
+    made = law(Polynomial((100.0, -6000.0, 120000.0)))  # f' = 100 - 12000 x + 360000 x^2 = 100 (1 - 60 x)^2
     x = np.linspace(0.0, 0.05, 11)
     np.testing.assert_allclose([made.force(v) for v in x], 100.0 * x - 6e3 * x**2 + 1.2e5 * x**3, rtol=1e-13, atol=1e-15)
     assert made.breakpoints == (0.0,)
-    falling = law(Polynomial((200.0, -15000.0, 340000.0)))    # f' = 200 - 30000 x + 1020000 x^2
+    falling = law(Polynomial((200.0, -15000.0, 340000.0)))  # f' = 200 - 30000 x + 1020000 x^2
     roots = [(30000.0 + s * math.sqrt(9e8 - 8.16e8)) / 2.04e6 for s in (-1.0, 1.0)]
-    np.testing.assert_allclose(falling.breakpoints, [0.0, roots[0]], rtol=1e-12)    # it goes on as it is where it rises again
+    np.testing.assert_allclose(falling.breakpoints, [0.0, roots[0]], rtol=1e-12)  # it goes on as it is where it rises again
     np.testing.assert_allclose([s.end for s in falling.stretches], [*roots, math.inf], rtol=1e-12)
     assert [falling.snapped_on_piece(p) for p in range(4)] == [0, 0, 1, 1]
 
@@ -82,7 +82,7 @@ def test_tables_are_their_interpolants(table):
     np.testing.assert_allclose([made.force(v) for v in x], expected, rtol=1e-13, atol=1e-15)
     slope = made.stiffness(0.03)
     assert made.force(0.05) == pytest.approx(1.4 + 0.02 * slope, rel=1e-13)
-    assert made.breakpoints == (table.x[:-1] if table is CELL else table.x)    # a linear table goes on as it is
+    assert made.breakpoints == (table.x[:-1] if table is CELL else table.x)  # a linear table goes on as it is
     assert [made.snapped_on_piece(p) for p in range(5)] == [0, 0, 1, 1, 1]
 
 
@@ -142,25 +142,31 @@ def test_a_series_holds_the_others_while_one_snaps():
     assert made.stiffness(0.05) == pytest.approx(1.0 / (1.0 / 100.0 + 1.0 / 50.0), rel=1e-12)
 
 
-@pytest.mark.parametrize("bad, message", [
-    (Spring(-1.0), r"spring.k = -1.0"),
-    (Beam(5.0, math.nan, 0.01), "beam.zeta = nan"),
-    (Beam(5.0, 9.0, 0.01), "the force falls to -.*hysteretic"),
-    (Polynomial(()), "has 0 values"),
-    (Polynomial((0.0, 0.0)), "are all 0"),
-    (Polynomial((-1.0, 5.0)), "falls at first"),
-    (Polynomial((1.0, -5.0)), "falls in the end"),
-    (Polynomial((1.0, -10.0, 20.0)), "the force falls to -.* at an elongation of"),
-    (Polynomial((1.0, math.inf)), r"coefficients\[2\] = inf"),
-    (Table((0.0, 1.0), (0.0,)), "x has 2 points and f 1"),
-    (Table((0.0, 1.0, 1.0), (0.0, 1.0, 2.0)), "let x increase"),
-    (Table((0.0, 1.0), (1.0, 2.0)), r"f\[0\] = 1.0"),
-    (Table((0.0, 1.0, 2.0), (0.0, 1.0, 0.5)), "falls beyond the last point"),
-    (Table((0.0, 1.0), (0.0, 1.0), "spline"), "use 'linear' or 'cubic'"),
-    (Series(()), "at least one part"),
-    (Series((Series((CELL,), "hysteretic"),)), "outermost"),
-    (Series((Table((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 1.0)), Spring(1.0))), "part 1 never bears its force maximum of 2.0 N"),
-])
+@pytest.mark.parametrize(
+    "bad, message",
+    [
+        (Spring(-1.0), r"spring.k = -1.0"),
+        (Beam(5.0, math.nan, 0.01), "beam.zeta = nan"),
+        (Beam(5.0, 9.0, 0.01), "the force falls to -.*hysteretic"),
+        (Polynomial(()), "has 0 values"),
+        (Polynomial((0.0, 0.0)), "are all 0"),
+        (Polynomial((-1.0, 5.0)), "falls at first"),
+        (Polynomial((1.0, -5.0)), "falls in the end"),
+        (Polynomial((1.0, -10.0, 20.0)), "the force falls to -.* at an elongation of"),
+        (Polynomial((1.0, math.inf)), r"coefficients\[2\] = inf"),
+        (Table((0.0, 1.0), (0.0,)), "x has 2 points and f 1"),
+        (Table((0.0, 1.0, 1.0), (0.0, 1.0, 2.0)), "let x increase"),
+        (Table((0.0, 1.0), (1.0, 2.0)), r"f\[0\] = 1.0"),
+        (Table((0.0, 1.0, 2.0), (0.0, 1.0, 0.5)), "falls beyond the last point"),
+        (Table((0.0, 1.0), (0.0, 1.0), "spline"), "use 'linear' or 'cubic'"),
+        (Series(()), "at least one part"),
+        (Series((Series((CELL,), "hysteretic"),)), "outermost"),
+        (
+            Series((Table((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 1.0)), Spring(1.0))),
+            "part 1 never bears its force maximum of 2.0 N",
+        ),
+    ],
+)
 def test_bad_elements_are_named(bad, message):
     with pytest.raises(InputError, match=message):
         law(bad)
@@ -176,10 +182,14 @@ def test_bad_requests():
 
 
 def test_dampers_are_odd():
-    for damper, expected in ((Polynomial((20.0, 0.0, 3.0)), lambda v: 20.0 * v + 3.0 * v**3),
-                             (Polynomial((0.0, 8.0)), lambda v: 8.0 * v * abs(v)),
-                             (Table((0.0, 0.1, 1.0), (0.0, 5.0, 6.0)),
-                              lambda v: math.copysign(np.interp(abs(v), (0.0, 0.1, 1.0), (0.0, 5.0, 6.0)), v))):
+    for damper, expected in (
+        (Polynomial((20.0, 0.0, 3.0)), lambda v: 20.0 * v + 3.0 * v**3),
+        (Polynomial((0.0, 8.0)), lambda v: 8.0 * v * abs(v)),
+        (
+            Table((0.0, 0.1, 1.0), (0.0, 5.0, 6.0)),
+            lambda v: math.copysign(np.interp(abs(v), (0.0, 0.1, 1.0), (0.0, 5.0, 6.0)), v),
+        ),
+    ):
         made = damping(damper)
         for v in (-0.9, -0.05, 0.0, 0.3, 1.0):
             assert made.force(v) == pytest.approx(expected(v), rel=1e-13)

@@ -91,13 +91,15 @@ def test_snap_follows_its_own_beam_with_the_others_held():
 
 
 @settings(max_examples=60, deadline=None)
-@given(Q=st.floats(0.5, 50.0), zeta=st.floats(2.01, 7.99), h=st.floats(1e-3, 0.1),
-       part=st.just(0.0) | st.floats(1e-9, 1.0))
+@given(Q=st.floats(0.5, 50.0), zeta=st.floats(2.01, 7.99), h=st.floats(1e-3, 0.1), part=st.just(0.0) | st.floats(1e-9, 1.0))
 def test_beam_roots(Q, zeta, h, part):
     e = nsh.beam_extrema(Q, zeta, h)
     between = e.f_min + part * (e.f_max - e.f_min)
-    for region, f, low, high in (("I", part * e.f_max, 0.0, e.u_max), ("II", between, e.u_max, e.u_min),
-                                 ("III", e.f_min + part * (4.0 * Q - e.f_min), e.u_min, 2.0 * h)):
+    for region, f, low, high in (
+        ("I", part * e.f_max, 0.0, e.u_max),
+        ("II", between, e.u_max, e.u_min),
+        ("III", e.f_min + part * (4.0 * Q - e.f_min), e.u_min, 2.0 * h),
+    ):
         u = nsh.beam_displacement(Q, zeta, h, f, region)
         assert low * (1 - 1e-14) <= u <= high * (1 + 1e-14)
         # Round-off of the law's own terms (eight operations, and of u what the slope makes of it: eleven halves of an ulp);
@@ -137,14 +139,15 @@ def test_curve_is_continuous_and_consistent(n):
     assert (np.diff(ends) > 0.0).all() and ends[-1] == pytest.approx(2.0 * sum(n.h), rel=1e-14)
     scale, steepest = 4.0 * max(n.Q), max(2.0 * Q * (1.0 + zeta) / h for Q, zeta, h in zip(n.Q, n.zeta, n.h))
     for p in range(1, len(ends)):
-        here, slack = nsh.force(n, ends[p], K), 1e-13 * scale + 2.0 * np.spacing(ends[p]) * steepest    # an ulp of xi is felt
+        here, slack = nsh.force(n, ends[p], K), 1e-13 * scale + 2.0 * np.spacing(ends[p]) * steepest  # an ulp of xi is felt
         assert abs(nsh.force_on_piece(n, p, ends[p], K) - here) <= slack
         assert abs(nsh.force_on_piece(n, p + 1, ends[p], K) - here) <= slack
         for xi in ends[p - 1] + np.array([0.17, 0.52, 0.86]) * (ends[p] - ends[p - 1]):
             u = nsh.displacements(n, xi)
             assert u.sum() == pytest.approx(xi, rel=1e-14)
             assert nsh.energy(n, xi, K) == pytest.approx(
-                sum(nsh.beam_energy(*b, x) for *b, x in zip(n.Q, n.zeta, n.h, u)), rel=1e-14)
+                sum(nsh.beam_energy(*b, x) for *b, x in zip(n.Q, n.zeta, n.h, u)), rel=1e-14
+            )
             step = 1e-4 * (ends[p] - ends[p - 1])
             around = nsh.force(n, np.array([xi - step, xi + step]), K)
             slope = (around[1] - around[0]) / (2.0 * step)
@@ -163,7 +166,7 @@ def test_energy_is_the_integral_of_force(n):
 
 def test_equal_beams_snap_lowest_index_first():
     n = NSH((6.0, 6.0, 6.0), (3.0, 3.0, 3.0), (0.01, 0.02, 0.01))
-    assert len(nsh.curve(n).pieces) == 5        # a rise, three snaps, a rise: no pieces of length zero between snaps
+    assert len(nsh.curve(n).pieces) == 5  # a rise, three snaps, a rise: no pieces of length zero between snaps
     ends = nsh.breakpoints(n)
     for p, first in zip((2, 3, 4), (0, 1, 2)):
         moved = nsh.displacements(n, ends[p]) - nsh.displacements(n, ends[p - 1])
@@ -190,7 +193,7 @@ def test_continuation_past_a_piece_is_smooth():
             step = 1e-6
             f = [nsh.force_on_piece(ARTICLE, p, end + sign * m * step, K) for m in (-2, -1, 0, 1, 2)]
             third = f[4] - 3.0 * f[3] + 3.0 * f[2] - f[1]
-            assert abs(third) < 5e-9, (p, end)      # a jump of slope by 1 N/m would give 1e-6
+            assert abs(third) < 5e-9, (p, end)  # a jump of slope by 1 N/m would give 1e-6
 
 
 def test_very_different_beams():
@@ -205,15 +208,18 @@ def test_very_different_beams():
     assert f == pytest.approx(independent, rel=1e-12)
 
 
-@pytest.mark.parametrize("bad, message", [
-    (NSH((6.0,), (8.0,), (0.01,)), r"nsh.zeta\[1\] = 8.0: the beam is bistable"),
-    (NSH((6.0, 6.0), (3.0, 2.0), (0.01, 0.01)), r"nsh.zeta\[2\] = 2.0: the beam is monotone"),
-    (NSH((6.0,), (math.nan,), (0.01,)), r"nsh.zeta\[1\] = nan"),
-    (NSH((-6.0,), (3.0,), (0.01,)), r"nsh.Q\[1\] = -6.0"),
-    (NSH((6.0,), (3.0,), (math.inf,)), r"nsh.h\[1\] = inf"),
-    (NSH((6.0, 1.0), (3.0,), (0.01,)), "one value of each per beam"),
-    (NSH((), (), ()), "at least one beam"),
-])
+@pytest.mark.parametrize(
+    "bad, message",
+    [
+        (NSH((6.0,), (8.0,), (0.01,)), r"nsh.zeta\[1\] = 8.0: the beam is bistable"),
+        (NSH((6.0, 6.0), (3.0, 2.0), (0.01, 0.01)), r"nsh.zeta\[2\] = 2.0: the beam is monotone"),
+        (NSH((6.0,), (math.nan,), (0.01,)), r"nsh.zeta\[1\] = nan"),
+        (NSH((-6.0,), (3.0,), (0.01,)), r"nsh.Q\[1\] = -6.0"),
+        (NSH((6.0,), (3.0,), (math.inf,)), r"nsh.h\[1\] = inf"),
+        (NSH((6.0, 1.0), (3.0,), (0.01,)), "one value of each per beam"),
+        (NSH((), (), ()), "at least one beam"),
+    ],
+)
 def test_bad_parameters_are_named(bad, message):
     with pytest.raises(InputError, match=message):
         nsh.breakpoints(bad)

@@ -53,18 +53,21 @@ def test_a_near_tie_is_a_tie(kind):
 
 #: Beside a beam: what comes to the same force 14.11 N as it does, at a maximum of another shape or where it goes on rising.
 BLUNT = Beam(4.248520001508309, 6.17588797237592, 0.026223207239620048)
-SHARP = Beam(4.992759597286283, 4.809578772682942, 0.01845639133093147)    # f_max as that of BLUNT, to an ulp
+SHARP = Beam(4.992759597286283, 4.809578772682942, 0.01845639133093147)  # f_max as that of BLUNT, to an ulp
 KINK = Table((0.0, 0.01, 0.03), (0.0, 14.112163790171294, 30.0))
 
 
-@pytest.mark.parametrize("parts, k", [
-    ((BLUNT, SHARP), 12000.0),
-    ((SHARP, BLUNT), 12000.0),
-    ((SHARP, BLUNT), 900.0),
-    ((Series((BLUNT, Spring(700.0))), SHARP), 12000.0),    # after its snap it bears the force at which the other falls
-    ((KINK, SHARP), 12000.0),
-    ((BLUNT, KINK), 3000.0),
-])
+@pytest.mark.parametrize(
+    "parts, k",
+    [
+        ((BLUNT, SHARP), 12000.0),
+        ((SHARP, BLUNT), 12000.0),
+        ((SHARP, BLUNT), 900.0),
+        ((Series((BLUNT, Spring(700.0))), SHARP), 12000.0),  # after its snap it bears the force at which the other falls
+        ((KINK, SHARP), 12000.0),
+        ((BLUNT, KINK), 3000.0),
+    ],
+)
 def test_with_memory_the_kernel_follows_ties_as_the_exact_law(parts, k):
     element = Series(parts, "hysteretic")
     turns = np.array([0.0, 0.2, -0.02, 0.09, 0.03, 0.2])

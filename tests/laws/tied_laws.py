@@ -217,7 +217,7 @@ def check_one(honeycomb: NSH, name: str, law, points: list[Sample], gap: float) 
     for point in points:
         force, stiffness = law(point.xi)
         allowed = 2e-12 * size + abs(stiffness) * height * (2e-15 + 4e-15 / math.sqrt(max(gap, TIE)))
-        if name.startswith("kernel"):    # leaves out rises that are narrower than this part of the elongation
+        if name.startswith("kernel"):  # leaves out rises that are narrower than this part of the elongation
             allowed += 1e-12 * abs(stiffness) * point.xi
         if abs(force - point.force) > allowed:
             return repr((name, point, force, stiffness, gap, honeycomb))
@@ -225,7 +225,7 @@ def check_one(honeycomb: NSH, name: str, law, points: list[Sample], gap: float) 
 
 
 if __name__ == "__main__":
-    looked, base = 0, [int(base) for base in sys.argv[2:]]    # further numbers seed other honeycombs
+    looked, base = 0, [int(base) for base in sys.argv[2:]]  # further numbers seed other honeycombs
     for seed in range(int(sys.argv[1])):
         looked += check(tied(np.random.default_rng([seed, *base] if base else seed), DISTANCES[seed % len(DISTANCES)]))
     print(f"{sys.argv[1]} honeycombs that tie, {looked} points, each of 4 laws: all within round-off of 40 digits")

@@ -73,7 +73,7 @@ def apart_in_energy(kernel: Kernel, string: int = 1) -> float:
 def at_an_edge(element: Series) -> bool:
     """Whether round-off decides whether two ends of stretches tie."""
     beams = exact(NSH(*zip(*((beam.Q, beam.zeta, beam.h) for beam in element.parts))))
-    ends = []    # force, and the largest forces on the stretches that end there
+    ends = []  # force, and the largest forces on the stretches that end there
     for b in beams:
         low = b.force(ONE + b.s)
         ends += [(b.f_max, b.f_max), (low, b.f_max), (low, FOUR * b.Q), (FOUR * b.Q, FOUR * b.Q)]
@@ -84,7 +84,7 @@ def at_an_edge(element: Series) -> bool:
 def on_a_branch(element: Series, k: float, x: float, force: float) -> float:
     """How far (N) a force at x (m) is from that of the nearest stable branch of the exact law."""
     m = memory(element, k)
-    found = [abs(force)] if x <= sum(part.end for part in m.parts) else []    # slack
+    found = [abs(force)] if x <= sum(part.end for part in m.parts) else []  # slack
     for at in product(*(range(len(part.stretches) + 1) for part in m.parts)):
         found += [abs(force - one.force(x)) for one in m.branches(at) if one.lower - 1e-8 <= x <= one.upper + 1e-8]
     return min(found)
@@ -140,7 +140,7 @@ def compare(element: Series, k: float, x: np.ndarray) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    count, base, most, fewest = map(int, (*sys.argv[1:], *("100", "0", "6", "2")[len(sys.argv) - 1:]))
+    count, base, most, fewest = map(int, (*sys.argv[1:], *("100", "0", "6", "2")[len(sys.argv) - 1 :]))
     kinds = collections.Counter()
     for seed in range(count):
         random = np.random.default_rng([seed, base])

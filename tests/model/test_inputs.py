@@ -44,10 +44,11 @@ def test_signals_are_sampled_where_they_should_be():
         swing, speed = math.sin(t), math.cos(t)
         return [[swing, 0.0, 0.0], [0.0, swing, 0.0]], [[speed, 0.0, 0.0], [0.0, speed, 0.0]]
 
-    found = held(MODEL, TIMES, current=lambda t: (t, 1.0 if t > 0.2 else 0.0), motion=motion,
-                 rest_length=lambda t: PLAIN.rest_length + t)
+    found = held(
+        MODEL, TIMES, current=lambda t: (t, 1.0 if t > 0.2 else 0.0), motion=motion, rest_length=lambda t: PLAIN.rest_length + t
+    )
     np.testing.assert_allclose(found.current[:, 0], TIMES[:-1], atol=1e-6)
-    np.testing.assert_array_equal(found.current[:, 1], [0.0, 0.0, 1.0, 1.0])    # a jump at 0.2 s counts from there
+    np.testing.assert_array_equal(found.current[:, 1], [0.0, 0.0, 1.0, 1.0])  # a jump at 0.2 s counts from there
     np.testing.assert_array_equal(found.node_position[:, 0, 0], np.sin(TIMES[:-1]))
     np.testing.assert_array_equal(found.node_velocity[:, 1, 1], np.cos(TIMES[:-1]))
     np.testing.assert_allclose(found.node_acceleration[:, 1, 1], np.diff(np.cos(TIMES)) / 0.1, rtol=1e-12)

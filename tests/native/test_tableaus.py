@@ -1,7 +1,7 @@
 """The coefficients of the integrators satisfy their order conditions, tree by tree."""
 
 import re
-from functools import lru_cache
+from functools import cache
 from itertools import combinations_with_replacement
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def arrays(header: str) -> dict[str, np.ndarray]:
     return found
 
 
-@lru_cache(maxsize=None)
+@cache
 def trees(order: int) -> tuple:
     """All rooted trees with `order` nodes, each the sorted tuple of its subtrees."""
     if order == 1:
@@ -64,9 +64,7 @@ def stage_weights(tree, alpha, beta):
 
 
 def worst_condition(b, alpha, beta, order):
-    return max(
-        abs(b @ stage_weights(t, alpha, beta) - 1.0 / density(t)) for n in range(1, order + 1) for t in trees(n)
-    )
+    return max(abs(b @ stage_weights(t, alpha, beta) - 1.0 / density(t)) for n in range(1, order + 1) for t in trees(n))
 
 
 def rodas5p():
@@ -107,9 +105,7 @@ def test_dop853_dense_output_has_order_7(theta):
     weights = np.zeros(n)
     for i, row in enumerate(reversed(F)):  # nested as in dop853.c
         weights = (weights + row) * (theta if i % 2 == 0 else 1 - theta)
-    errors = [
-        abs(weights @ stage_weights(s, A, A) - theta ** size(s) / density(s)) for k in range(1, 8) for s in trees(k)
-    ]
+    errors = [abs(weights @ stage_weights(s, A, A) - theta ** size(s) / density(s)) for k in range(1, 8) for s in trees(k)]
     assert max(errors) < 1e-13
 
 
@@ -133,9 +129,7 @@ def test_rodas5p_dense_output_has_order_4(theta):
     weights = theta * (m + (1 - theta) * (h[0] + theta * (h[1] + theta * h[2])))
     b = weights @ Gamma
     errors = [
-        abs(b @ stage_weights(s, alpha, alpha + Gamma) - theta ** size(s) / density(s))
-        for k in range(1, 5)
-        for s in trees(k)
+        abs(b @ stage_weights(s, alpha, alpha + Gamma) - theta ** size(s) / density(s)) for k in range(1, 5) for s in trees(k)
     ]
     assert max(errors) < 1e-12
 

@@ -40,9 +40,7 @@ def lines(drawing, color, linestyle=None):
     return [
         line
         for line in drawing.axes.lines
-        if line.get_color() == color
-        and len(points_of(line, drawing.model))
-        and linestyle in (None, line.get_linestyle())
+        if line.get_color() == color and len(points_of(line, drawing.model)) and linestyle in (None, line.get_linestyle())
     ]
 
 

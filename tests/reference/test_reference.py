@@ -17,18 +17,50 @@ from tests.support import changed, scene
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def build(nodes, fixed, bars, strings, *, axes=(0, 1, 2), mass=1.0, k=1000.0, d=0.0, slack=0.0, gravity=9.81,
-          velocity=None, law="literal", rest=None):
+def build(
+    nodes,
+    fixed,
+    bars,
+    strings,
+    *,
+    axes=(0, 1, 2),
+    mass=1.0,
+    k=1000.0,
+    d=0.0,
+    slack=0.0,
+    gravity=9.81,
+    velocity=None,
+    law="literal",
+    rest=None,
+):
     """A model by hand: one mass, stiffness and damping for all; rest lengths = lengths + slack unless given."""
     nodes = np.array(nodes, dtype=float)
     strings = np.array(strings, dtype=int).reshape(-1, 2)
     length = np.linalg.norm(nodes[strings[:, 1]] - nodes[strings[:, 0]], axis=1)
-    names = [tuple(f"{letter}{i + 1}" for i in range(count))
-             for letter, count in (("n", len(nodes)), ("b", len(bars)), ("s", len(strings)))]
+    names = [
+        tuple(f"{letter}{i + 1}" for i in range(count))
+        for letter, count in (("n", len(nodes)), ("b", len(bars)), ("s", len(strings)))
+    ]
     rest = length + slack if rest is None else np.array(rest)
-    return Model("by_hand", "", axes, *names, nodes, np.isin(np.arange(len(nodes)), fixed), np.array(bars),
-                 np.full(len(bars), mass), strings, np.full(len(strings), k), np.full(len(strings), d),
-                 rest, (None,) * len(strings), law, gravity, nodes, velocity)
+    return Model(
+        "by_hand",
+        "",
+        axes,
+        *names,
+        nodes,
+        np.isin(np.arange(len(nodes)), fixed),
+        np.array(bars),
+        np.full(len(bars), mass),
+        strings,
+        np.full(len(strings), k),
+        np.full(len(strings), d),
+        rest,
+        (None,) * len(strings),
+        law,
+        gravity,
+        nodes,
+        velocity,
+    )
 
 
 def free_structure(**options) -> Model:
@@ -57,8 +89,15 @@ def admissible(model: Model, velocity: np.ndarray) -> np.ndarray:
 def mixed_structure() -> Model:
     """A pinned bar each way round, a free bar, an anchor, and strings of every kind of end."""
     nodes = [(0, 0, 0), (0.3, 0.2, 1), (1.1, 0.1, 0.9), (1, 0, 0.1), (0.2, 0.9, 0.6), (0.8, 1.1, 1.2), (0.5, 0.4, 2)]
-    return build(nodes, [0, 3, 6], [(0, 1), (2, 3), (4, 5)],
-                 [(1, 2), (1, 4), (2, 5), (6, 4), (6, 1), (0, 5), (3, 4)], k=700.0, d=30.0, slack=-0.03)
+    return build(
+        nodes,
+        [0, 3, 6],
+        [(0, 1), (2, 3), (4, 5)],
+        [(1, 2), (1, 4), (2, 5), (6, 4), (6, 1), (0, 5), (3, 4)],
+        k=700.0,
+        d=30.0,
+        slack=-0.03,
+    )
 
 
 def per_bar_accelerations(model: Model, N, V, end_forces):
@@ -109,9 +148,11 @@ def taut_mode(s: structures.Structure, stretch):
     return instant.mode_of(s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
 
 
-@pytest.mark.parametrize("model", [
-    mixed_structure(), free_structure(), build([(0, 0, 0), (1, 0, 1)], [0], [(0, 1)], [])],
-    ids=["pinned_free_anchor", "free", "no_strings"])
+@pytest.mark.parametrize(
+    "model",
+    [mixed_structure(), free_structure(), build([(0, 0, 0), (1, 0, 1)], [0], [(0, 1)], [])],
+    ids=["pinned_free_anchor", "free", "no_strings"],
+)
 @pytest.mark.parametrize("seed", range(5))
 def test_matrix_form_agrees_with_per_bar_equations(model, seed):
     N, V, force = random_state(model, seed)
@@ -158,6 +199,7 @@ def moving_rest_lengths(model, strings, size=0.05, period=0.25):
         lengths = model.rest_length.copy()
         lengths[strings] += size * math.sin(2.0 * math.pi * t / period)
         return lengths
+
     return rest
 
 
@@ -176,7 +218,7 @@ def runs():
 def test_ledger_closes_and_bars_keep_their_length(name, model, inputs):
     result = reference.simulate(model, inputs)
     assert result.ledger_error() < 1e-9
-    assert result.throughput[-1] > 1e-3 and result.dissipated[-1] > 1e-4       # the ledger was exercised
+    assert result.throughput[-1] > 1e-3 and result.dissipated[-1] > 1e-4  # the ledger was exercised
     b = result.position[:, model.bars[:, 1]] - result.position[:, model.bars[:, 0]]
     bdot = result.velocity[:, model.bars[:, 1]] - result.velocity[:, model.bars[:, 0]]
     np.testing.assert_allclose(np.linalg.norm(b, axis=2), np.broadcast_to(model.bar_length, b.shape[:2]), rtol=1e-14)
@@ -221,8 +263,9 @@ def test_methods_agree(damping):
     np.testing.assert_allclose(implicit.position, explicit.position, rtol=0.0, atol=2e-9)
     names = [(t.string, t.before, t.after) for t in explicit.transitions]
     assert names and names == [(t.string, t.before, t.after) for t in implicit.transitions]
-    np.testing.assert_allclose([t.time for t in implicit.transitions], [t.time for t in explicit.transitions],
-                               rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(
+        [t.time for t in implicit.transitions], [t.time for t in explicit.transitions], rtol=0.0, atol=1e-8
+    )
 
 
 def test_stiff_scene_takes_the_implicit_method():
@@ -236,12 +279,14 @@ def test_stiff_scene_takes_the_implicit_method():
 
 # Strings at the edge of slackness: a bar along x that slides between two anchors, on strings along its own line.
 
+
 def slider(velocity, rest, law="literal", d=8.0, k=400.0):
     """A 1 kg bar that moves along x without gravity; string s1 ties its left end to an anchor 1 m away."""
     v = np.zeros((3, 3))
     v[1:, 0] = velocity
-    return build([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [0], [(1, 2)], [(0, 1)], k=k, d=d, gravity=0.0, velocity=v, law=law,
-                 rest=[rest])
+    return build(
+        [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [0], [(1, 2)], [(0, 1)], k=k, d=d, gravity=0.0, velocity=v, law=law, rest=[rest]
+    )
 
 
 def sliding(rest, v, d, k, t):
@@ -254,7 +299,7 @@ def sliding(rest, v, d, k, t):
 def test_string_starts_exactly_at_its_rest_length():
     inputs = held(slider(0.5, 1.0), grid(0.1, 0.02))
     taut = reference.simulate(slider(0.5, 1.0), inputs, rtol=1e-12, atol=1e-13)
-    assert taut.string_force[0, 0] == pytest.approx(8.0 * 0.5)            # lengthening: the damper pulls at once
+    assert taut.string_force[0, 0] == pytest.approx(8.0 * 0.5)  # lengthening: the damper pulls at once
     expected = [1.0 + sliding(1.0, 0.5, 8.0, 400.0, t) for t in taut.times]
     np.testing.assert_allclose(taut.string_length[:, 0], expected, rtol=0.0, atol=1e-11)
     slack = reference.simulate(slider(-0.5, 1.0), inputs)

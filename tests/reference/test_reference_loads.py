@@ -22,7 +22,7 @@ from tests.scene.test_scene_loads import GOOD as CRANE
 from tests.support import scene
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
-OBLIQUE = (2.0, -3.0, -6.0)    # of length 7
+OBLIQUE = (2.0, -3.0, -6.0)  # of length 7
 
 
 def turned(vectors, angle=0.7):
@@ -118,11 +118,11 @@ def test_the_projection_on_the_constraints_is_orthogonal_in_the_mass_metric():
     onto, onto_dot = instant.on_constraints(s, N, Ndot)
     assert instant.drift(s, onto, onto_dot) < 1e-15
     b = onto @ s.C_b.T
-    for _ in range(5):    # any other admissible velocity is farther away
+    for _ in range(5):  # any other admissible velocity is farther away
         other = instant.on_constraints(s, onto, random.normal(size=(3, 7)) * ~model.fixed)[1]
         along = (Ndot - onto_dot) @ s.M @ (other - onto_dot).T
         assert abs(np.trace(along)) < 1e-13
-    first_moment = (N @ s.M)[:, 4:6].sum(axis=1)    # of the free bar: its centre of mass stays
+    first_moment = (N @ s.M)[:, 4:6].sum(axis=1)  # of the free bar: its centre of mass stays
     np.testing.assert_allclose((onto @ s.M)[:, 4:6].sum(axis=1), first_moment, rtol=1e-15, atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(b, axis=0), model.bar_length, rtol=1e-15)
 
@@ -148,13 +148,14 @@ def test_free_bar_with_end_masses_turns_about_its_centre_of_mass():
     """Torque-free: the centre of mass goes straight, the bar turns evenly; angular momentum, and tension by rotation."""
     m, first, second, length, omega = 1.5, 0.5, 2.0, 1.2, 3.0
     total = m + first + second
-    x = (0.5 * m + second) / total    # the centre's place along the bar
+    x = (0.5 * m + second) / total  # the centre's place along the bar
     drift, start = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.0, 0.0])
     across = np.array([0.0, 0.6, 0.8])
     nodes = np.array([-x * length * start, (1.0 - x) * length * start])
     velocity = drift + omega * np.array([-x * length * across, (1.0 - x) * length * across])
-    model = replace(build(nodes, [], [(0, 1)], [], mass=m, gravity=0.0, velocity=velocity),
-                    point_mass=((0, first), (1, second)))
+    model = replace(
+        build(nodes, [], [(0, 1)], [], mass=m, gravity=0.0, velocity=velocity), point_mass=((0, first), (1, second))
+    )
     result = run(model, grid(4.0, 0.25))
     t = result.times[:, None]
     along = np.cos(omega * t) * start + np.sin(omega * t) * across
@@ -286,9 +287,11 @@ def driven_pendulum(model, times, acceleration, angle, speed=0.0):
     factor = (0.5 * m + tip) / ((m / 3.0 + tip) * length)
     found = [np.array([angle, speed])]
     for k, (t, end) in enumerate(zip(times, times[1:])):
+
         def ydot(t, y, k=k):
             ax, az = acceleration(t, k)
             return y[1], -factor * (ax * math.cos(y[0]) + (9.81 + az) * math.sin(y[0]))
+
         found.append(solve_ivp(ydot, (t, end), found[-1], method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1])
     return np.array(found).T
 
@@ -336,8 +339,9 @@ def swaying(t):
 def swayed_errors(inputs_of):
     """Errors of the tip at 2 s under samples of `swaying` at two step sizes, one half of the other."""
     model = pivoted()
-    (theta,), _ = np.split(driven_pendulum(
-        model, [0.0, 2.0], lambda t, k: (10.0 * math.cos(5.0 * t), 6.4 * math.cos(8.0 * t)), 0.5), 2)
+    (theta,), _ = np.split(
+        driven_pendulum(model, [0.0, 2.0], lambda t, k: (10.0 * math.cos(5.0 * t), 6.4 * math.cos(8.0 * t)), 0.5), 2
+    )
     exact = np.array(swaying(2.0)[0][0]) + 1.3 * pointing(theta)[0][-1]
     runs = [reference.simulate(model, inputs_of(model, grid(2.0, h))) for h in (0.01, 0.005)]
     assert max(run.ledger_error() for run in runs) < 1e-8
@@ -351,9 +355,11 @@ def test_sampled_motion_converges_with_the_square_of_the_step():
 
 def test_held_velocities_without_acceleration_still_converge():
     """Each communication point gives an impulse; their sum is what the acceleration would have done."""
+
     def inputs_of(model, times):
         inputs = held(model, times, motion=swaying)
         return replace(inputs, node_acceleration=0.0 * inputs.node_acceleration)
+
     coarse, fine = swayed_errors(inputs_of)
     assert coarse < 0.1 and 1.8 < coarse / fine < 2.2
 
@@ -478,7 +484,6 @@ def test_motor_on_a_slack_string_until_it_is_taut():
     model = winch(1.0 + slack)
     result = run(model, grid(1.6, 0.1), current=lambda t: [0.6])
 
-
     def angle(t):
         return fast * (t + lag * np.expm1(-t / lag))
 
@@ -574,8 +579,11 @@ def everything(law="literal"):
     inputs = replace(
         held(model, times, force=lambda t: random.normal(size=(7, 3)) * 5.0, current=lambda t: random.normal(size=2) * 4.0),
         node_position=model.nodes[[0, 3, 6]] + random.normal(size=shape) * 0.01,
-        node_velocity=random.normal(size=shape) * 0.3, node_acceleration=random.normal(size=shape) * 5.0,
-        rest_length=rest + random.normal(size=(10, 7)) * 0.01, rest_length_rate=random.normal(size=(10, 7)) * 0.2)
+        node_velocity=random.normal(size=shape) * 0.3,
+        node_acceleration=random.normal(size=shape) * 5.0,
+        rest_length=rest + random.normal(size=(10, 7)) * 0.01,
+        rest_length_rate=random.normal(size=(10, 7)) * 0.2,
+    )
     return model, inputs
 
 
@@ -642,5 +650,5 @@ def test_bad_inputs_are_named():
         with pytest.raises(InputError, match=f"{name} holds a value that is not finite"):
             reference.simulate(model, replace(inputs, **{name: np.full_like(good, math.inf)}))
     ignored = np.array(inputs.rest_length)
-    ignored[:, [1, 4]] = -1.0    # wound by actuators
+    ignored[:, [1, 4]] = -1.0  # wound by actuators
     reference.simulate(model, replace(inputs, rest_length=ignored, times=grid(0.01, 0.001)))

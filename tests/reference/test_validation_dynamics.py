@@ -19,10 +19,27 @@ GRAVITY = 9.81
 def one_bar(nodes, fixed, strings=(), k=(), rest=(), gravity=GRAVITY, velocity=None, mass=1.0, axes=(0, 1, 2)) -> Model:
     """Bar n1-n2 of the given mass; further nodes are anchors; undamped strings."""
     nodes = np.array(nodes, dtype=float)
-    return Model("one_bar", "", axes, tuple(f"n{i + 1}" for i in range(len(nodes))), ("b1",),
-                 tuple(f"s{i + 1}" for i in range(len(strings))), nodes, np.array(fixed), np.array([(0, 1)]),
-                 np.array([mass]), np.array(strings, dtype=int).reshape(-1, 2), np.array(k), np.zeros(len(k)),
-                 np.array(rest), (None,) * len(k), "literal", gravity, nodes, velocity)
+    return Model(
+        "one_bar",
+        "",
+        axes,
+        tuple(f"n{i + 1}" for i in range(len(nodes))),
+        ("b1",),
+        tuple(f"s{i + 1}" for i in range(len(strings))),
+        nodes,
+        np.array(fixed),
+        np.array([(0, 1)]),
+        np.array([mass]),
+        np.array(strings, dtype=int).reshape(-1, 2),
+        np.array(k),
+        np.zeros(len(k)),
+        np.array(rest),
+        (None,) * len(k),
+        "literal",
+        gravity,
+        nodes,
+        velocity,
+    )
 
 
 @pytest.mark.parametrize("axes", [(0, 1, 2), (0, 2)])
@@ -94,8 +111,16 @@ def test_bar_turned_by_a_spring():
     """
     k, mass, length, far, amplitude = 40.0, 1.2, 1.1, 3.0, 1e-6
     height = math.sqrt(length**2 - amplitude**2)
-    model = one_bar([(0, 0, 0), (amplitude, 0, height), (-far, 0, length), (far, 0, length)], [True, False, True, True],
-                    [(2, 1), (1, 3)], [k, k], [far - 0.2, far - 0.2], gravity=0.0, mass=mass)
+    model = one_bar(
+        [(0, 0, 0), (amplitude, 0, height), (-far, 0, length), (far, 0, length)],
+        [True, False, True, True],
+        [(2, 1), (1, 3)],
+        [k, k],
+        [far - 0.2, far - 0.2],
+        gravity=0.0,
+        mass=mass,
+    )
     result = reference.simulate(model, held(model, grid(3.0, 0.05)), rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(result.position[:, 1, 0], amplitude * np.cos(math.sqrt(6.0 * k / mass) * result.times),
-                               rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        result.position[:, 1, 0], amplitude * np.cos(math.sqrt(6.0 * k / mass) * result.times), rtol=0.0, atol=1e-12
+    )

@@ -18,12 +18,12 @@ import signal
 import sys
 import tempfile
 import time
-import tomllib
 import traceback
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from tensegrity_core.commands.check import summary
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
-from tensegrity_core.scene import BUILTIN_SCENES, SCENE_FOLDER, load_scene, parse_scene
+from tensegrity_core.scene import SCENE_FOLDER, load_scene, parse_scene
 from tensegrity_core.statics import build_model
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,13 +40,96 @@ MOST_MEMORY = 1e9  # bytes
 SIMULATED, STEP = 2e-3, 1e-3  # s
 
 NUMBERS = [
-    0, 1, -1, 0.0, -0.0, 1.0, -1.0, 2.0, 8.0, 0.5, 1e-3, 1e3, 1e6, -1e6, 1e9, 1e12, 6e12, 1e15, 1e16, 1e30, 1e154, 1e300, 1.8e308,
-    1e-6, 1e-9, 1e-12, 1e-15, 1e-16, 1e-30, 1e-154, 1e-300, 5e-324, float("inf"), float("nan"), 2**53 + 1, 2**70, 10**400,
-    np.nextafter(2.0, 3.0), np.nextafter(8.0, 7.0), np.nextafter(0.0, 1.0),
-]  # fmt: skip
-TEXTS = ["", "n1", "n4", "s1", "b1", "energy", "settled", "released", "equilibrium", "xy", "xz", "hysteretic", "single_valued", "any",
-         "series", "parallel", "beam", "table", "polynomial", "spring", "cubic", "tension_only", "cable", "a.b", "ü", "x" * 300]  # fmt: skip
-FRAGMENTS = [b"[", b"]", b"{", b"}", b"=", b'"', b".", b"\n", b"#", b"[[", b"1e", b"0x", b"_", b"\x00", b"\xff", b"nan", b"-", b"'", b"\\u"]
+    0,
+    1,
+    -1,
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    2.0,
+    8.0,
+    0.5,
+    1e-3,
+    1e3,
+    1e6,
+    -1e6,
+    1e9,
+    1e12,
+    6e12,
+    1e15,
+    1e16,
+    1e30,
+    1e154,
+    1e300,
+    1.8e308,
+    1e-6,
+    1e-9,
+    1e-12,
+    1e-15,
+    1e-16,
+    1e-30,
+    1e-154,
+    1e-300,
+    5e-324,
+    float("inf"),
+    float("nan"),
+    2**53 + 1,
+    2**70,
+    10**400,
+    np.nextafter(2.0, 3.0),
+    np.nextafter(8.0, 7.0),
+    np.nextafter(0.0, 1.0),
+]
+TEXTS = [
+    "",
+    "n1",
+    "n4",
+    "s1",
+    "b1",
+    "energy",
+    "settled",
+    "released",
+    "equilibrium",
+    "xy",
+    "xz",
+    "hysteretic",
+    "single_valued",
+    "any",
+    "series",
+    "parallel",
+    "beam",
+    "table",
+    "polynomial",
+    "spring",
+    "cubic",
+    "tension_only",
+    "cable",
+    "a.b",
+    "ü",
+    "x" * 300,
+]
+FRAGMENTS = [
+    b"[",
+    b"]",
+    b"{",
+    b"}",
+    b"=",
+    b'"',
+    b".",
+    b"\n",
+    b"#",
+    b"[[",
+    b"1e",
+    b"0x",
+    b"_",
+    b"\x00",
+    b"\xff",
+    b"nan",
+    b"-",
+    b"'",
+    b"\\u",
+]
 
 
 @functools.cache
@@ -92,7 +175,9 @@ def damage_numbers(raw: dict, choose: random.Random) -> None:
         value, kind = at(raw, tuple(above))[last], choose.random()
         value = value if abs(value) < 1e300 else 1.0
         if mild:
-            value = value * choose.choice([choose.uniform(0.9, 1.1), choose.uniform(0.2, 4.0), 10.0 ** choose.uniform(-4.0, 4.0)])
+            value = value * choose.choice(
+                [choose.uniform(0.9, 1.1), choose.uniform(0.2, 4.0), 10.0 ** choose.uniform(-4.0, 4.0)]
+            )
         elif kind < 0.5:
             value = choose.choice(NUMBERS)
         elif kind < 0.8:
@@ -118,7 +203,18 @@ def damage_structure(raw: dict, choose: random.Random) -> None:
         elif kind < 0.6:
             table[last] = choose.choice(TEXTS)
         elif kind < 0.7:
-            table[last] = choose.choice([[], {}, [[]], [{}], True, None, choose.choice(NUMBERS), [choose.choice(NUMBERS)] * choose.choice([1, 2, 3, 50])])
+            table[last] = choose.choice(
+                [
+                    [],
+                    {},
+                    [[]],
+                    [{}],
+                    True,
+                    None,
+                    choose.choice(NUMBERS),
+                    [choose.choice(NUMBERS)] * choose.choice([1, 2, 3, 50]),
+                ]
+            )
         elif isinstance(table, list):
             table.insert(choose.randrange(len(table) + 1), copy.deepcopy(choose.choice(table)))
         elif kind < 0.85:  # once more under another name
@@ -239,8 +335,10 @@ def main() -> int:
                 print(f"--- case {number} of seed {options.seed}: {end}\n{wrong or text}", flush=True)
     for end, count in sorted(ends.items()):
         print(f"{count:7d}  {end}")
-    print(f"{len(numbers)} cases in {time.process_time() - began:.0f} s of processor time, the slowest {slowest[0]:.2f} s "
-          f"(case {slowest[1]}), {memory() / 1e6:.0f} MB at most, {failures} failures")
+    print(
+        f"{len(numbers)} cases in {time.process_time() - began:.0f} s of processor time, the slowest {slowest[0]:.2f} s "
+        f"(case {slowest[1]}), {memory() / 1e6:.0f} MB at most, {failures} failures"
+    )
     return 1 if failures or memory() > MOST_MEMORY else 0
 
 

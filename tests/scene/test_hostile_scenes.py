@@ -12,8 +12,8 @@ from tensegrity_core import laws
 from tensegrity_core.cli import main
 from tensegrity_core.errors import InputError, SceneError, SimulationError
 from tensegrity_core.model.elements import Beam, Parallel, Series, Spring, simplified
-from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.scene import files as scene_files
+from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import TooLarge, build_model
 from tests.scene import fuzz_scenes
 from tests.scene.test_scene import GOOD, write
@@ -48,12 +48,18 @@ CASES = {
     "parallels in parallels": (GOOD + nested(8, "parallel", ', "e0"'), None, ""),
     "series of parallels of series": (GOOD + nested(7, "both", ', "e0"'), "elements.e7", "too long"),
     "series 900 deep": (GOOD + nested(900), "elements", "parts"),
-    "elements in a row, deepest first": (GOOD + "".join(reversed(nested(30).split("[ele"))).replace("ments", "[elements"),
-                                         "elements", "20 elements deep"),
+    "elements in a row, deepest first": (
+        GOOD + "".join(reversed(nested(30).split("[ele"))).replace("ments", "[elements"),
+        "elements",
+        "20 elements deep",
+    ),
     "flat NSH": (GOOD.replace("[0.01, 0.02]", "[1e-300, 0.02]"), "nsh.soft.h[1]", "less than 1e-09"),
     "flat beam": (GOOD + BEAM.replace("0.01", "1e-300"), "elements.e0.h", "less than 1e-09"),
-    "coefficients far apart": (GOOD + '[elements.e0]\nkind = "polynomial"\ncoefficients = [3000.0, 1e15, 1e-300]\n',
-                               "elements.e0.coefficients[3]", "closer to 0 than 1e-15"),
+    "coefficients far apart": (
+        GOOD + '[elements.e0]\nkind = "polynomial"\ncoefficients = [3000.0, 1e15, 1e-300]\n',
+        "elements.e0.coefficients[3]",
+        "closer to 0 than 1e-15",
+    ),
     "5000 digits": (GOOD.replace("15000.0", "1" * 5000), "(file)", "too many digits"),
     "5000 digits and a point": (GOOD.replace("15000.0", "1" * 5000 + ".0"), "materials.cable.stiffness", "finite"),
     "5000 hexadecimal digits": (GOOD.replace("15000.0", "0x" + "f" * 5000), "materials.cable.stiffness", "finite"),
@@ -84,15 +90,27 @@ CASES = {
     "a mass of nearly nothing": (GOOD.replace("mass = 1.0", "mass = 5e-324"), "bars.b1.mass", "less than 1e-15"),
     "a mass that is too light for its strings": (GOOD.replace("mass = 1.0", "mass = 1e-14"), "bars.b", "beside the stiff"),
     "a payload of nearly nothing": (GOOD + "\n[point_masses]\nn3 = 5e-324\n", "point_masses.n3", "closer to 0"),
-    "a beam that is far too strong": (GOOD.replace("[6.0, 8.0]", '[6e12, 8.0]\nlaw = "hysteretic"'), "nsh.soft.Q[1]", "greater"),
-    "30 beams with memory": (GOOD.replace("[6.0, 8.0]", f'{[6.0] * 30}\nlaw = "hysteretic"').replace("[3.0, 4.0]", f"{[4.0] * 30}")
-                             .replace("[0.01, 0.02]", f"{[0.01] * 30}"), "nsh.soft.Q", "30 beams"),
-    "an element on a string of no material": (GOOD.replace('"cable" }', '"calbe", element = "e0" }', 1) + BEAM, "strings.s2.material",
-                                              "[materials]"),
+    "a beam that is far too strong": (
+        GOOD.replace("[6.0, 8.0]", '[6e12, 8.0]\nlaw = "hysteretic"'),
+        "nsh.soft.Q[1]",
+        "greater",
+    ),
+    "30 beams with memory": (
+        GOOD.replace("[6.0, 8.0]", f'{[6.0] * 30}\nlaw = "hysteretic"')
+        .replace("[3.0, 4.0]", f"{[4.0] * 30}")
+        .replace("[0.01, 0.02]", f"{[0.01] * 30}"),
+        "nsh.soft.Q",
+        "30 beams",
+    ),
+    "an element on a string of no material": (
+        GOOD.replace('"cable" }', '"calbe", element = "e0" }', 1) + BEAM,
+        "strings.s2.material",
+        "[materials]",
+    ),
     "bytes": (bytes(range(256)), "(file)", "not UTF-8"),
     "a null character": (GOOD + "\0", "line 31", "not TOML"),
     "nothing": ("", "nodes", "missing"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -149,10 +167,21 @@ def test_errors_pass_between_processes(kind):
     assert (type(after), str(after), vars(after)) == (type(before), str(before), vars(before))
 
 
-WORDS = ("check {0}", "check {0}.toml", "check {0}/a.toml", "{0}", "simulate two_bar --force {0}.z=1", "simulate two_bar --step {0}",
-         "simulate two_bar --output {0}.csv", "simulate two_bar --output {0}/a.csv", "animate two_bar --output {0}.gif",
-         "path two_bar --force n4.z=1 --to 2 --output {0}.csv", "modes two_bar --figure {0}.png", "tower 1 --output {0}.toml",
-         "experiment beam --output {0}")  # fmt: skip
+WORDS = (
+    "check {0}",
+    "check {0}.toml",
+    "check {0}/a.toml",
+    "{0}",
+    "simulate two_bar --force {0}.z=1",
+    "simulate two_bar --step {0}",
+    "simulate two_bar --output {0}.csv",
+    "simulate two_bar --output {0}/a.csv",
+    "animate two_bar --output {0}.gif",
+    "path two_bar --force n4.z=1 --to 2 --output {0}.csv",
+    "modes two_bar --figure {0}.png",
+    "tower 1 --output {0}.toml",
+    "experiment beam --output {0}",
+)
 
 
 @pytest.mark.parametrize("words", WORDS)
@@ -221,7 +250,9 @@ def test_nested_groups_are_opened_and_mean_the_same():
     inner = Series((Series((beam, stiff)), Series((Series((soft,)),))))
     assert simplified(inner) == Series((beam, stiff, soft))
     assert simplified(Parallel((Parallel((stiff, Series((soft,)))), beam))) == Parallel((stiff, soft, beam))
-    assert simplified(Series((Series((beam, stiff)), soft), "hysteretic")) == Series((Series((beam, stiff)), soft), "hysteretic")
+    assert simplified(Series((Series((beam, stiff)), soft), "hysteretic")) == Series(
+        (Series((beam, stiff)), soft), "hysteretic"
+    )
     whole, opened = laws.law(inner), laws.law(simplified(inner))
     for x in (0.001, 0.01, 0.02, 0.031, 0.08):
         assert opened.force(x) == pytest.approx(whole.force(x), rel=1e-9)

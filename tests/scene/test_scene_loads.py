@@ -63,8 +63,14 @@ BAD = {
     "radius missing": ("radius = 0.02", "", "actuators.winch.radius", "None", "missing", "in m"),
     "radius negative": ("0.02", "-0.02", "actuators.winch.radius", "-0.02", "greater than 0", "in m"),
     "unknown key of an actuator": ("inertia", "inerta", "actuators.winch.inerta", "0.002", "not a key", "mean inertia?"),
-    "actuator not an identifier": ("actuators.winch]", 'actuators."a b"]',
-        "actuators.a b", "'a b'", "not an identifier", "ASCII letter"),
+    "actuator not an identifier": (
+        "actuators.winch]",
+        'actuators."a b"]',
+        "actuators.a b",
+        "'a b'",
+        "not an identifier",
+        "ASCII letter",
+    ),
     "point mass negative": ("0.75", "-0.75", "point_masses.tip", "-0.75", "less than 0", "mass in kg"),
     "point mass a text": ("0.75", '"1"', "point_masses.tip", "'1'", "not a number", "mass in kg"),
     "point mass at no node": ("tip = 0.75", "tap = 0.75", "point_masses.tap", "0.75", "no node", "mean tip?"),
@@ -80,7 +86,7 @@ BAD = {
     "gravity infinite": ("-9.5]", "-inf]", "gravity[3]", "-inf", "not a finite number", "vector [x, y, z]"),
     "gravity a text": ("[0.5, -0.25, -9.5]", '"down"', "gravity", "'down'", "not a number", "vector [x, y, z]"),
     "gravity a table": ("[0.5, -0.25, -9.5]", "{ z = -9.5 }", "gravity", "{'z': -9.5}", "not a number", "vector [x, y, z]"),
-}  # fmt: skip
+}
 
 
 def test_the_good_scene_is_good(tmp_path):

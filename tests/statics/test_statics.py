@@ -506,7 +506,7 @@ def test_sparse_matrices_settle_a_structure_afloat(seed, monkeypatch):
     np.testing.assert_allclose(force[1], force[0], atol=1e-6)
     gap = np.linalg.norm(found.nodes.mean(axis=0) - dense.nodes.mean(axis=0))
     assert gap < 1e-4 and stability(found).stable
-    for one in (dense, found):    # the lowest stiffness is that behind the rigid-body motions, by either kind of matrices
+    for one in (dense, found):  # the lowest stiffness is that behind the rigid-body motions, by either kind of matrices
         monkeypatch.setattr(surfaces, "SMALL", 10_000)
         lowest = tangent_stiffness(one)[6]
         assert stability(one).lowest == pytest.approx(lowest, rel=1e-9)

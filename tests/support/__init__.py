@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from functools import lru_cache
+from functools import cache, lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,7 +14,7 @@ from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
 
-@lru_cache(maxsize=None)
+@cache
 def scene(name: str) -> Model:
     """A built-in scene's model."""
     return build_model(load_scene(name))

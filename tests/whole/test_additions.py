@@ -19,8 +19,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("tensegrity_core", "fmu_src", "build_fmu.py", "LICENSE", "pyproject.toml", "README.md")
 
 #: The elongation of a string as an output: its row, and its values in the kernel and in the reference.
-ROW = '''    Field("elongation", "output", ("S",), "m", "{S}.elongation", "length beyond the rest length", compared="length"),
-'''
+ROW = """    Field("elongation", "output", ("S",), "m", "{S}.elongation", "length beyond the rest length", compared="length"),
+"""
 KERNEL = "        sim->values[m->at[TS_ELONGATION] + i] = sim->gap[i];\n"
 REFERENCE = "            elongation=strings.stretch,\n"
 
@@ -109,16 +109,18 @@ def test_an_fmu_with_both_is_validated(tree):
     assert "4 of 4" in told, told
     with zipfile.ZipFile(tree / "dist" / "native" / "two_bar.fmu") as archive:
         assert b"s1.elongation" in archive.read("documentation/index.html")
-    code = ("from fmpy import read_model_description, simulate_fmu\n"
-            "fmu = 'dist/native/two_bar.fmu'\n"
-            "known = {v.name: v for v in read_model_description(fmu).modelVariables}\n"
-            "print(known['s1.elongation'].causality, known['s1.elongation'].unit, known['solver.method'].max)\n"
-            "def run(**options):\n"
-            "    start = {'n4.force.z': 5.0, **{f'solver.{name}': value for name, value in options.items()}}\n"
-            "    return simulate_fmu(fmu, stop_time=0.2, start_values=start, output=['s1.elongation'])['s1.elongation']\n"
-            "exact = run()\n"
-            "coarse, fine = (abs(run(method=5, step=h) - exact).max() for h in (2e-4, 1e-4))\n"
-            "print(3.5 < coarse / fine < 4.5, abs(exact).max() > 1e-4)\n")  # fmt: skip
+    code = (
+        "from fmpy import read_model_description, simulate_fmu\n"
+        "fmu = 'dist/native/two_bar.fmu'\n"
+        "known = {v.name: v for v in read_model_description(fmu).modelVariables}\n"
+        "print(known['s1.elongation'].causality, known['s1.elongation'].unit, known['solver.method'].max)\n"
+        "def run(**options):\n"
+        "    start = {'n4.force.z': 5.0, **{f'solver.{name}': value for name, value in options.items()}}\n"
+        "    return simulate_fmu(fmu, stop_time=0.2, start_values=start, output=['s1.elongation'])['s1.elongation']\n"
+        "exact = run()\n"
+        "coarse, fine = (abs(run(method=5, step=h) - exact).max() for h in (2e-4, 1e-4))\n"
+        "print(3.5 < coarse / fine < 4.5, abs(exact).max() > 1e-4)\n"
+    )
     lines = run(tree, "-c", code).splitlines()
     assert lines[-2:] == ["output m 6", "True True"], lines
 
@@ -151,7 +153,9 @@ def test_an_output_without_a_value_in_the_reference_is_found(tree, tmp_path):
 def test_an_output_without_a_value_in_the_kernel_is_found(tree, tmp_path):
     copy = wrong(tree, tmp_path, "outputs.c", KERNEL, "")
     build_libraries(copy)
-    code = ("from tensegrity_core.kernel import Kernel\nfrom tensegrity_core.scene import load_scene\n"
-            "from tensegrity_core.statics import build_model\n"
-            "Kernel(build_model(load_scene('two_bar'))).initialize()\n")  # fmt: skip
+    code = (
+        "from tensegrity_core.kernel import Kernel\nfrom tensegrity_core.scene import load_scene\n"
+        "from tensegrity_core.statics import build_model\n"
+        "Kernel(build_model(load_scene('two_bar'))).initialize()\n"
+    )
     assert "is not a finite number" in run(copy, "-c", code, code=1)

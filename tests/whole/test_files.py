@@ -47,14 +47,12 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, GeneratorExit, MemoryError, OSError])
 def test_nothing_stays_whatever_ends_the_block(error, tmp_path):
-    with pytest.raises(InputError if error is OSError else error):
-        with replacing(tmp_path / "one") as file:
-            file.write(b"half")
-            raise error("no space")
-    with pytest.raises(InputError if error is OSError else error):
-        with replacing_folder(tmp_path / "two" / "three") as folder:
-            (folder / "half").touch()
-            raise error("no space")
+    with pytest.raises(InputError if error is OSError else error), replacing(tmp_path / "one") as file:
+        file.write(b"half")
+        raise error("no space")
+    with pytest.raises(InputError if error is OSError else error), replacing_folder(tmp_path / "two" / "three") as folder:
+        (folder / "half").touch()
+        raise error("no space")
     with pytest.raises(error), scratch(tmp_path):
         raise error
     assert [path.name for path in tmp_path.rglob("*")] == ["two"]
@@ -286,7 +284,9 @@ ELSEWHERE = {
     *(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks" / "importers" / "drivers").glob("*.py")),
 }
 #: Methods and functions that write to a path, and the arguments' place of what must not be one.
-WRITE = dict.fromkeys(("savefig", "imsave", "save", "savez", "savez_compressed", "savetxt", "tofile", "to_csv"), 0) | {"dump": 1}
+WRITE = dict.fromkeys(("savefig", "imsave", "save", "savez", "savez_compressed", "savetxt", "tofile", "to_csv"), 0) | {
+    "dump": 1
+}
 #: Calls that have no place outside of files.py.
 NEVER = {
     "tempfile": {"mkstemp", "mkdtemp", "NamedTemporaryFile", "TemporaryFile", "TemporaryDirectory"},
@@ -361,19 +361,45 @@ def test_all_writers_go_through_one_module():
 
 @pytest.mark.parametrize(
     "code",
-    ["open(p, 'w')", "open(p, mode='a')", "open(p, mode)", "p.open('x')", "p.write_text('t')", "p.write_bytes(b'')", "os.replace(a, b)",
-     "figure.savefig(p)", "few.save(p, optimize=True)", "np.savez(p, a=a)", "np.savetxt(p, a)", "a.tofile(p)", "json.dump(a, p)",
-     "zipfile.ZipFile(p, 'w')", "tempfile.mkstemp()", "from tempfile import mkstemp", "tempfile.TemporaryDirectory()",
-     "shutil.copy(a, b)", "shutil.move(a, b)"],
-)  # fmt: skip
+    [
+        "open(p, 'w')",
+        "open(p, mode='a')",
+        "open(p, mode)",
+        "p.open('x')",
+        "p.write_text('t')",
+        "p.write_bytes(b'')",
+        "os.replace(a, b)",
+        "figure.savefig(p)",
+        "few.save(p, optimize=True)",
+        "np.savez(p, a=a)",
+        "np.savetxt(p, a)",
+        "a.tofile(p)",
+        "json.dump(a, p)",
+        "zipfile.ZipFile(p, 'w')",
+        "tempfile.mkstemp()",
+        "from tempfile import mkstemp",
+        "tempfile.TemporaryDirectory()",
+        "shutil.copy(a, b)",
+        "shutil.move(a, b)",
+    ],
+)
 def test_the_search_finds_writers(code):
     assert len(unguarded(ast.parse(code))) == 1
 
 
 @pytest.mark.parametrize(
     "code",
-    ["open(p)", "open(p, encoding='utf-8')", "p.open(newline='')", "with replacing(p) as f: np.savez(f, a=a)",
-     "files.write_text(p, 't')", "out = io.BytesIO()\nfigure.savefig(out)", "text.replace('a', 'b')", "Image.open(p, 'r')", "write_text(p, 't')"],
-)  # fmt: skip
+    [
+        "open(p)",
+        "open(p, encoding='utf-8')",
+        "p.open(newline='')",
+        "with replacing(p) as f: np.savez(f, a=a)",
+        "files.write_text(p, 't')",
+        "out = io.BytesIO()\nfigure.savefig(out)",
+        "text.replace('a', 'b')",
+        "Image.open(p, 'r')",
+        "write_text(p, 't')",
+    ],
+)
 def test_the_search_passes_what_is_right(code):
     assert unguarded(ast.parse(code)) == []

@@ -235,7 +235,7 @@ def test_requests_wait_for_the_end_of_what_is_done_whole(thread, tmp_path):
                     other.join()
                     signal.pthread_sigmask(signal.SIG_SETMASK, freed)
                 else:
-                    os.kill(os.getpid(), signal.SIGTERM)
+                    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
                 done.append("inner")
             done.append("outer")
         done.append("never")

@@ -23,24 +23,40 @@ from tensegrity_core.statics import build_model
 from tests.scene.test_scene import write
 
 #: A bar that swings by itself far away: a scene has one at least.
-APART = {"fixed": ["base"], "nodes": {"base": [50.0, 0.0], "tip": [50.0, -1.0]}, "bars": {"rod": {"nodes": ["base", "tip"], "mass": 1.0}}}
+APART = {
+    "fixed": ["base"],
+    "nodes": {"base": [50.0, 0.0], "tip": [50.0, -1.0]},
+    "bars": {"rod": {"nodes": ["base", "tip"], "mass": 1.0}},
+}
 
 #: A mass of 2 kg on a spring of 800 N/m, let go where the spring is at rest.
 HANGING = {
-    "name": "hanging", "plane": "xz", "gravity": 10.0, "start": "released",
-    "fixed": ["base", "top"], "bars": APART["bars"],
+    "name": "hanging",
+    "plane": "xz",
+    "gravity": 10.0,
+    "start": "released",
+    "fixed": ["base", "top"],
+    "bars": APART["bars"],
     "nodes": APART["nodes"] | {"top": [0.0, 0.0], "load": [0.0, -1.0]},
     "strings": {"rope": {"nodes": ["top", "load"], "stiffness": 800.0}},
     "point_masses": {"load": 2.0},
     "prestress": {"rest_length": {"rope": 1.0}},
-}  # fmt: skip
+}
 
 #: A net of three payloads between a mast and two anchors, in space.
 NET = {
-    "name": "net", "start": "settled", "fixed": ["foot", "a1", "a2", "a3"],
+    "name": "net",
+    "start": "settled",
+    "fixed": ["foot", "a1", "a2", "a3"],
     "nodes": {
-        "foot": [0.0, 0.0, 0.0], "head": [0.1, 0.0, 2.0], "a1": [3.0, 0.0, 1.5], "a2": [-1.5, 2.6, 1.5], "a3": [-1.5, -2.6, 1.5],
-        "p1": [1.5, 0.0, 1.2], "p2": [-0.7, 1.3, 1.2], "p3": [-0.7, -1.3, 1.2],
+        "foot": [0.0, 0.0, 0.0],
+        "head": [0.1, 0.0, 2.0],
+        "a1": [3.0, 0.0, 1.5],
+        "a2": [-1.5, 2.6, 1.5],
+        "a3": [-1.5, -2.6, 1.5],
+        "p1": [1.5, 0.0, 1.2],
+        "p2": [-0.7, 1.3, 1.2],
+        "p3": [-0.7, -1.3, 1.2],
     },
     "materials": {"cord": {"stiffness": 3000.0, "damping": 30.0}},
     "bars": {"mast": {"nodes": ["foot", "head"], "mass": 3.0}},
@@ -52,7 +68,7 @@ NET = {
     "point_masses": {"p1": 0.5, "p2": 0.8, "p3": 0.5},
     "drag": {"p2": 0.4},
     "prestress": {"tension": {f"{kind}{i}": 20.0 for i in (1, 2, 3) for kind in ("in", "out", "round")}},
-}  # fmt: skip
+}
 
 METHODS = ("auto", "dop853", "rodas5p", "radau9")
 
@@ -81,11 +97,14 @@ def test_a_mass_on_a_spring(method):
 def test_a_mass_between_two_strings():
     """Along the strings both are springs; the frequencies are sqrt(2 k/m) there and sqrt(2 T/(l m)) across."""
     scene = HANGING | {
-        "name": "between", "gravity": 0.0, "start": "equilibrium", "fixed": ["base", "left", "right"],
+        "name": "between",
+        "gravity": 0.0,
+        "start": "equilibrium",
+        "fixed": ["base", "left", "right"],
         "nodes": APART["nodes"] | {"left": [-1.0, 0.0], "load": [0.0, 0.0], "right": [1.0, 0.0]},
         "strings": {f"to_{name}": {"nodes": [name, "load"], "stiffness": 800.0} for name in ("left", "right")},
         "prestress": {"tension": {"to_left": 40.0, "to_right": 40.0}},
-    }  # fmt: skip
+    }
     model = build_model(parse_scene(scene))
     rates = sorted(mode.natural_frequency * 2.0 * math.pi for mode in modes(model))
     np.testing.assert_allclose(rates[-2:], [math.sqrt(2.0 * 40.0 / (1.0 * 2.0)), math.sqrt(2.0 * 800.0 / 2.0)], rtol=1e-9)
@@ -138,7 +157,11 @@ def newton(model, force):
 
 def held_head():
     """The net with the mast's head fixed by itself: all that moves are payloads, but for the bar apart."""
-    raw = NET | {"fixed": [*NET["fixed"], "head", "base"], "bars": {"rod": {"nodes": ["base", "tip"], "mass": 1.0}}, "start": "settled"}
+    raw = NET | {
+        "fixed": [*NET["fixed"], "head", "base"],
+        "bars": {"rod": {"nodes": ["base", "tip"], "mass": 1.0}},
+        "start": "settled",
+    }
     raw["prestress"] = {"tension": dict.fromkeys(NET["prestress"]["tension"], 80.0)}
     raw["nodes"] = NET["nodes"] | {"base": [50.0, 0.0, 0.0], "tip": [50.0, 0.0, -1.0]}
     return build_model(parse_scene(raw))
@@ -210,10 +233,12 @@ def test_statics_with_payloads():
 def test_equilibrium_finds_the_tensions_of_a_payload():
     """A load of 2 kg between two ropes at 45 degrees: each bears m g / sqrt(2)."""
     scene = HANGING | {
-        "start": "equilibrium", "fixed": ["base", "left", "right"],
+        "start": "equilibrium",
+        "fixed": ["base", "left", "right"],
         "nodes": APART["nodes"] | {"left": [-1.0, 1.0], "load": [0.0, 0.0], "right": [1.0, 1.0]},
-        "strings": {f"to_{name}": {"nodes": [name, "load"], "stiffness": 800.0} for name in ("left", "right")}, "prestress": {},
-    }  # fmt: skip
+        "strings": {f"to_{name}": {"nodes": [name, "load"], "stiffness": 800.0} for name in ("left", "right")},
+        "prestress": {},
+    }
     model = build_model(parse_scene(scene))
     tension = statics.string_tension(model, np.full(2, math.sqrt(2.0)))
     np.testing.assert_allclose(tension, 20.0 / math.sqrt(2.0), rtol=1e-12)
@@ -237,7 +262,9 @@ def test_both_fmus_have_the_payloads_variables(tmp_path):
         names = {variable.name for variable in read_model_description(str(tmp_path / f"{kind}.fmu")).modelVariables}
         assert {f"p1.{what}" for what in ("force.x", "x", "y", "z", "velocity.z", "mass")} <= names
     pushed = np.array([(0.0, 4.0)], dtype=[("time", float), ("p1.force.z", float)])
-    found = simulate_fmu(str(tmp_path / "native.fmu"), stop_time=0.5, output_interval=0.05, input=pushed, output=["p1.z", "out1.force"])
+    found = simulate_fmu(
+        str(tmp_path / "native.fmu"), stop_time=0.5, output_interval=0.05, input=pushed, output=["p1.z", "out1.force"]
+    )
     push = np.zeros_like(model.nodes)
     push[model.node_names.index("p1"), 2] = 4.0
     exact = reference.simulate(model, held(model, grid(0.5, 0.05), force=lambda t: push))

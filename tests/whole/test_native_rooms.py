@@ -229,7 +229,9 @@ def test_the_rule_finds_what_breaks_it(case, sources):
 
 
 def test_all_sources_are_compiled_and_watched(sources):
-    assert {path.relative_to(build.HERE).as_posix() for path in build.kernel_sources()} == {n for n in sources if n.endswith(".c")}
+    assert {path.relative_to(build.HERE).as_posix() for path in build.kernel_sources()} == {
+        n for n in sources if n.endswith(".c")
+    }
     watched = {path.relative_to(build.HERE).as_posix() for path in build.reads("kernel") if path.suffix in build.SOURCES}
     assert watched == set(sources)
 

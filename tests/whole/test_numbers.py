@@ -40,7 +40,13 @@ def of_laws(n, seq):
     tree = Series((Parallel(seq_of_parts := [beam, Spring(n(256.0))]), Polynomial(seq((1024.0, 0.0, 2.0))), table))
     assert len(seq_of_parts) == 2
     made, memory = laws.law(tree), Series((beam, beam), "hysteretic")
-    found = [made.force(n(0.25)), made.stiffness(n(0.25)), made.energy(n(0.25)), made.elongation(n(4.0)), made.force(n(3.0), n(512.0))]
+    found = [
+        made.force(n(0.25)),
+        made.stiffness(n(0.25)),
+        made.energy(n(0.25)),
+        made.elongation(n(4.0)),
+        made.force(n(3.0), n(512.0)),
+    ]
     damper = laws.damping(Polynomial(seq((2.0, 1.0))))
     found += [damper.force(n(-0.5)), damper.slope(n(0.5)), hysteresis.elongation(memory, n(4096.0), n(8.0))]
     return [*found, hysteresis.follow(hysteresis.start(memory, n(4096.0)), n(0.03125))[0].force(n(0.03125))]
@@ -69,13 +75,25 @@ def of_runs(n, seq):
 def of_models(n, seq):
     actuator = Actuator(*(n(x) for x in MOTOR))
     model = dataclasses.replace(
-        scene("three_bar"), gravity=n(8.0), bar_mass=seq((1.0, 2.0, 1.0)), stiffness=seq((4096.0,) * 6), damping=seq((512.0,) * 6),
-        point_mass=((np.int64(3), n(2.0)),), drag=((np.int64(4), n(0.5)),), actuator=(None,) * 5 + (actuator,), current=seq((8.0,)),
-    )  # fmt: skip
+        scene("three_bar"),
+        gravity=n(8.0),
+        bar_mass=seq((1.0, 2.0, 1.0)),
+        stiffness=seq((4096.0,) * 6),
+        damping=seq((512.0,) * 6),
+        point_mass=((np.int64(3), n(2.0)),),
+        drag=((np.int64(4), n(0.5)),),
+        actuator=(None,) * 5 + (actuator,),
+        current=seq((8.0,)),
+    )
     kernel = Kernel(model)
     kernel.initialize()
     vector = Kernel(dataclasses.replace(model, gravity=seq((0.0, 1.0, -8.0))))
-    return [kernel.values.copy(), vector["gravity"].copy(), statics.residual(model), [abs(m.eigenvalue) for m in modes.modes(model)]]
+    return [
+        kernel.values.copy(),
+        vector["gravity"].copy(),
+        statics.residual(model),
+        [abs(m.eigenvalue) for m in modes.modes(model)],
+    ]
 
 
 def of_scenes(n, seq):
@@ -83,12 +101,16 @@ def of_scenes(n, seq):
 
     data = tomllib.loads(GOOD)
     data["gravity"] = n(8.0)
-    data["nodes"] = {name: seq(point) for name, point in {"n1": (0.0, 0.0), "n2": (1.0, 0.0), "n3": (0.75, 1.0), "n4": (0.25, 1.0)}.items()}
+    data["nodes"] = {
+        name: seq(point) for name, point in {"n1": (0.0, 0.0), "n2": (1.0, 0.0), "n3": (0.75, 1.0), "n4": (0.25, 1.0)}.items()
+    }
     data["nsh"]["soft"] = {"Q": seq((6.0, 8.0)), "zeta": seq((3.0, 4.0)), "h": seq((0.0078125, 0.015625))}
     data["prestress"]["tension"]["s3"] = n(16.0)
     data["elements"] = {"one": {"kind": "spring", "stiffness": n(256.0)}}
     model = statics.build_model(parse_scene(data))
-    tower = towers.tower(np.int64(2) if n is not KINDS["float"] else 2, tension=n(32.0), stiffness=n(8192.0), damping=n(256.0), mass=n(1.0))
+    tower = towers.tower(
+        np.int64(2) if n is not KINDS["float"] else 2, tension=n(32.0), stiffness=n(8192.0), damping=n(256.0), mass=n(1.0)
+    )
     return [model.rest_length, model.stiffness, model.nodes, list(tower.prestress.tension.values()), tower.gravity]
 
 
@@ -122,15 +144,27 @@ def test_every_kind_of_number_gives_the_same(group):
             np.testing.assert_array_equal(np.asarray(found), np.asarray(wanted), err_msg=f"{kind}, {lists}")
 
 
-@pytest.mark.parametrize("bad", ["1", None, [1.0, 2.0], np.array([1.0, 2.0]), 1j, object(), 10**400], ids=lambda bad: type(bad).__name__)
+@pytest.mark.parametrize(
+    "bad", ["1", None, [1.0, 2.0], np.array([1.0, 2.0]), 1j, object(), 10**400], ids=lambda bad: type(bad).__name__
+)
 def test_what_is_no_number_is_an_input_error(bad):
     makes = [
-        lambda: Spring(bad), lambda: Beam(bad, 5.0, 0.01), lambda: Polynomial((1.0, bad)), lambda: Table((0.0, 1.0), (0.0, bad)),
-        lambda: NSH((bad,), (4.0,), (0.01,)), lambda: Actuator(1.0, 0.0, 1.0, bad), lambda: grid(bad, 0.01), lambda: grid(1.0, bad),
-        lambda: Kernel(MODEL).step(bad), lambda: Kernel(MODEL).initialize(bad), lambda: Kernel(MODEL, tolerance=bad),
-        lambda: laws.law(Spring(1.0)).elongation(bad), lambda: paths.follow(Loading(MODEL, np.ones((6, 3))), 0.0, bad),
-        lambda: towers.tower(2, mass=bad) if bad is not None else Spring(bad), lambda: towers.tower(bad),
-    ]  # fmt: skip
+        lambda: Spring(bad),
+        lambda: Beam(bad, 5.0, 0.01),
+        lambda: Polynomial((1.0, bad)),
+        lambda: Table((0.0, 1.0), (0.0, bad)),
+        lambda: NSH((bad,), (4.0,), (0.01,)),
+        lambda: Actuator(1.0, 0.0, 1.0, bad),
+        lambda: grid(bad, 0.01),
+        lambda: grid(1.0, bad),
+        lambda: Kernel(MODEL).step(bad),
+        lambda: Kernel(MODEL).initialize(bad),
+        lambda: Kernel(MODEL, tolerance=bad),
+        lambda: laws.law(Spring(1.0)).elongation(bad),
+        lambda: paths.follow(Loading(MODEL, np.ones((6, 3))), 0.0, bad),
+        lambda: towers.tower(2, mass=bad) if bad is not None else Spring(bad),
+        lambda: towers.tower(bad),
+    ]
     for make in makes:
         with pytest.raises(InputError):
             make()

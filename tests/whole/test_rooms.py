@@ -97,7 +97,9 @@ def test_a_room_uses_rooms_below_it(name):
     mine = room(name)
     for line, module, _ in imports(name, MODULES[name]):
         theirs = room(module)
-        assert theirs == mine or FLOOR[theirs] < FLOOR[mine], f"{MODULES[name]}:{line}: {mine} imports {theirs}, which is not below it"
+        assert theirs == mine or FLOOR[theirs] < FLOOR[mine], (
+            f"{MODULES[name]}:{line}: {mine} imports {theirs}, which is not below it"
+        )
         assert theirs not in APART.get(mine, ()), f"{MODULES[name]}:{line}: {mine} must not know {theirs}"
 
 

@@ -20,8 +20,11 @@ connections = [
     for i, name in enumerate(job.starts)
 ]
 config = {
-    "fmus": [{"id": "one", "path": job.fmu}], "connections": connections, "cosim_method": "jacobi", "iterative": False,
-}  # fmt: skip
+    "fmus": [{"id": "one", "path": job.fmu}],
+    "connections": connections,
+    "cosim_method": "jacobi",
+    "iterative": False,
+}
 coordinator, rows = Coordinator(), []
 coordinator.start(config)
 for _ in range(job.steps):

@@ -14,7 +14,13 @@ for k in range(1, job.steps):
 rows.append((job.steps * h, *job.inputs(job.steps - 1).values()))
 signals = np.array(rows, dtype=[("time", float), *((name, float) for name in job.inputs(0))])
 found = simulate_fmu(
-    job.fmu, stop_time=job.steps * h, step_size=h, output_interval=h, input=signals, output=job.outputs,
-    start_values=job.starts, fmi_type="CoSimulation",
-)  # fmt: skip
+    job.fmu,
+    stop_time=job.steps * h,
+    step_size=h,
+    output_interval=h,
+    input=signals,
+    output=job.outputs,
+    start_values=job.starts,
+    fmi_type="CoSimulation",
+)
 finish([list(row)[1:] for row in found])

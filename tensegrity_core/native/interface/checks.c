@@ -45,7 +45,8 @@ static int wrong_mass(const ts_sim *sim)
     const ts_model *m = &sim->m;
     for (int i = 0; m->lone_count && i < m->count[TS_P]; i++) {
         int block = m->node_block[m->massed[i]];
-        if (block >= 0 && m->block_bar[block] < 0 && !(sim->values[m->at[TS_POINT_MASS] + i] > 0.0)) return m->at[TS_POINT_MASS] + i;
+        if (block >= 0 && m->block_bar[block] < 0 && !(sim->values[m->at[TS_POINT_MASS] + i] > 0.0))
+            return m->at[TS_POINT_MASS] + i;
     }
     return -1;
 }
@@ -146,6 +147,7 @@ int ts_all_finite(const double *x, int n)
 int ts_check_outputs(ts_sim *sim, const char *when)
 {
     if (ts_all_finite(sim->values + sim->n_applied, sim->m.n_real - sim->n_applied)) return TS_OK;
-    snprintf(sim->message, sizeof sim->message, "a force, a velocity or an energy %s is not a finite number; lower the loads", when);
+    snprintf(sim->message, sizeof sim->message, "a force, a velocity or an energy %s is not a finite number; lower the loads",
+             when);
     return TS_NOT_FINITE;
 }

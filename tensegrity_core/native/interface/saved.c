@@ -12,7 +12,7 @@
 #include <string.h>
 
 #define STATE_MAGIC 0x3254415453534e54u /* "TNSSTAT2" */
-#define MOST_COUNTED 1000000000000000 /* of anything in ts_stats(); twice as much can still be counted by ones in a double */
+#define MOST_COUNTED 1000000000000000   /* of anything in ts_stats(); twice as much can still be counted by ones in a double */
 
 /* A saved state: header, memory, values, slopes and both as applied, y, integers, pieces, clipping, hash. */
 typedef struct {
@@ -30,11 +30,15 @@ static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
         void *data;
         size_t size;
     } parts[] = {
-        {&sim->memory, sizeof sim->memory}, {sim->values, sizeof(double) * (size_t)m->n_real},
+        {&sim->memory, sizeof sim->memory},
+        {sim->values, sizeof(double) * (size_t)m->n_real},
         {sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs},
         {sim->applied_slopes, 2 * sizeof(double) * (size_t)sim->n_inputs},
-        {sim->applied, sizeof(double) * (size_t)sim->n_applied}, {sim->y, sizeof(double) * (size_t)m->ny},
-        {sim->integers, sizeof(int32_t) * (size_t)m->n_int}, {sim->piece, S}, {sim->clipped, S},
+        {sim->applied, sizeof(double) * (size_t)sim->n_applied},
+        {sim->y, sizeof(double) * (size_t)m->ny},
+        {sim->integers, sizeof(int32_t) * (size_t)m->n_int},
+        {sim->piece, S},
+        {sim->clipped, S},
         {sim->ahead, sizeof(double) * sim->ahead_size},
     };
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
@@ -69,8 +73,8 @@ static int is_sound(const ts_memory *memory)
 {
     const ts_choice *c = &memory->choice;
     const ts_span *span = &memory->span;
-    const double reals[] = {memory->time, memory->time_low, memory->h_next, memory->joined, memory->err_last, memory->last_step,
-                            span->start, span->h, span->reach, span->clipped};
+    const double reals[] = {memory->time,      memory->time_low, memory->h_next, memory->joined, memory->err_last,
+                            memory->last_step, span->start,      span->h,        span->reach,    span->clipped};
     const int32_t counters[] = {memory->rejected, memory->stiff, memory->patience, c->losing, c->phase_steps, c->steps};
     int sound = ts_all_finite(reals, sizeof reals / sizeof *reals);
     sound = sound && ts_all_finite(&c->work, (int)(offsetof(ts_choice, h_lambda) / sizeof(double)));
@@ -91,7 +95,8 @@ static int is_possible(const ts_sim *sim)
 {
     const ts_memory *memory = &sim->memory;
     const int S = sim->m.count[TS_S], method = sim->integers[sim->m.int_at[TS_INT_METHOD]];
-    int possible = memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
+    int possible =
+        memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
     possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(sim);
     possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
     possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 && is_open(&memory->span) : memory->span.h == 0.0);

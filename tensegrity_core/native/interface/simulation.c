@@ -49,7 +49,8 @@ int ts_reset(ts_sim *sim)
     memset(sim->slopes, 0, 2 * sizeof(double) * (size_t)sim->n_inputs);
     sim->integers[m->int_at[TS_INT_METHOD]] = m->method_start;
     sim->transition_count = 0;
-    int status = ts_check(sim, &index) == TS_OK ? ts_build_curves(sim) : TS_OK; /* else ts_initialize() will say what is wrong */
+    int status =
+        ts_check(sim, &index) == TS_OK ? ts_build_curves(sim) : TS_OK; /* else ts_initialize() will say what is wrong */
     if (status == TS_OK) ts_say(sim, "");
     return status;
 }

@@ -193,7 +193,7 @@ static void compile(ts_law *law, program *p, int depth)
 static program program_at(const ts_model *m, int32_t first_int, int32_t first_double)
 {
     return MAKE(program){m->program + first_int, m->program + m->program_ints, m->program_values + first_double,
-                     m->program_values + m->program_doubles};
+                         m->program_values + m->program_doubles};
 }
 
 /* The law at a place of the programs; law->reason says what is wrong. */

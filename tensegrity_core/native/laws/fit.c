@@ -17,9 +17,9 @@
 /* Coefficients in t = 0..1 of the polynomial through the Chebyshev points of [a, a + w] (Newton's divided differences). */
 static void fit_row(double (*force)(void *, double), void *law, double a, double w, double *coef)
 {
-    static const double t[TS_DEGREE + 1] = { /* (1 - cos((2 i + 1) pi/16))/2; written out: libraries differ in cos */
-        0.009607359798384785, 0.08426519384872738, 0.22221488349019886, 0.40245483899193585,
-        0.5975451610080641, 0.777785116509801, 0.9157348061512727, 0.9903926402016152};
+    static const double t[TS_DEGREE + 1] = {/* (1 - cos((2 i + 1) pi/16))/2; written out: libraries differ in cos */
+                                            0.009607359798384785, 0.08426519384872738, 0.22221488349019886, 0.40245483899193585,
+                                            0.5975451610080641,   0.777785116509801,   0.9157348061512727,  0.9903926402016152};
     double d[TS_DEGREE + 1];
     for (int i = 0; i <= TS_DEGREE; i++) d[i] = force(law, a + w * t[i]);
     for (int k = 1; k <= TS_DEGREE; k++)
@@ -46,7 +46,8 @@ double ts_fit_row(double (*force)(void *, double), void *law, double a, double w
 /* A straight piece that begins with `force`; of one without end the subinterval is a power of two, which changes no digits. */
 const char *ts_fit_line(ts_piece *p, double **table, int32_t *rows, double force, double k)
 {
-    double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)), w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
+    double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)),
+           w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
     if (!more) return "out of memory";
     *table = more;
     memset(more + TS_ROW * *rows, 0, sizeof(double) * TS_ROW);

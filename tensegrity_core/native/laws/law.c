@@ -132,7 +132,8 @@ double ts_law_inverse(const ts_law *law, int stretch, double f, double guess)
     for (int n = 0; n < 200; n++) {
         double r = way * (ts_law_force(law, stretch, u, &slope) - f);
         if (r == 0.0) return u;
-        if (r > 0.0) b = u; else a = u;
+        if (r > 0.0) b = u;
+        else a = u;
         double next = u - r / (way * slope);
         if (!(next > a && next < b)) next = 0.5 * (a + b);
         if (fabs(next - u) <= 4e-16 * fabs(u)) return next;

@@ -20,7 +20,7 @@ typedef struct {
 /* An element's law from elongation 0 to its stop, or without end. */
 typedef struct {
     ts_stretch *s;
-    double *table;      /* rows of TS_ROW, see ts_curve */
+    double *table; /* rows of TS_ROW, see ts_curve */
     int32_t n, rows;
     const char *reason; /* why it cannot be compiled, or NULL */
 } ts_law;

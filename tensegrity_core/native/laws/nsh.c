@@ -39,7 +39,8 @@ static double beam_inverse(const beam *b, int snapped, double f)
     double x = 0.5 * (lo + hi);
     for (int i = 0; i < 100; i++) {
         double r = beam_force(b, x) - f;
-        if (r > 0.0) hi = x; else lo = x;
+        if (r > 0.0) hi = x;
+        else lo = x;
         double next = x - r / beam_slope(b, x);
         if (!(next > lo && next < hi)) next = 0.5 * (lo + hi);
         if (fabs(next - x) <= 1e-15) return next;
@@ -85,7 +86,8 @@ static double rise_force(const rise *r, double xi, double x_lo, double x_hi)
     double x = 0.5 * (x_lo + x_hi);
     for (int i = 0; i < 100; i++) {
         double slope, g = rise_elongation(r, x, &slope) - xi;
-        if (g > 0.0) x_hi = x; else x_lo = x;
+        if (g > 0.0) x_hi = x;
+        else x_lo = x;
         double next = x - g / slope;
         if (!(next > x_lo && next < x_hi)) next = 0.5 * (x_lo + x_hi);
         double moved = fabs(next - x);

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define SAMPLES 64  /* of the slope of a fitted sum, to find its extrema */
+#define SAMPLES 64 /* of the slope of a fitted sum, to find its extrema */
 
 typedef struct {
     const ts_law *part;
@@ -45,7 +45,8 @@ static int turns_of(const sum *s, double lo, double hi, double *turns)
         if (!(before * slope < 0.0)) continue;
         for (double m = 0.5 * (a + b); m > a && m < b; m = 0.5 * (a + b)) {
             sum_of(s, m, &d);
-            if (d * before > 0.0) a = m; else b = m;
+            if (d * before > 0.0) a = m;
+            else b = m;
         }
         turns[n++] = b - lo;
     }

@@ -39,7 +39,8 @@ int ts_sign_changes(const double *c, double lo, double hi, double *out)
     ends[++n] = hi;
     for (int i = 0; i < n; i++) {
         double a = ends[i], b = ends[i + 1], fa = ts_polynomial(c, a), fb = ts_polynomial(c, b);
-        if (fa == 0.0 && i > 0 && ts_polynomial(c, ends[i - 1]) * fb < 0.0) out[count++] = a; /* the derivative's zero is one, too */
+        if (fa == 0.0 && i > 0 && ts_polynomial(c, ends[i - 1]) * fb < 0.0)
+            out[count++] = a; /* the derivative's zero is one, too */
         if (!(fa * fb < 0.0)) continue;
         for (double m = 0.5 * (a + b); m > a && m < b; m = 0.5 * (a + b)) {
             if ((ts_polynomial(c, m) > 0.0) == (fa > 0.0)) a = m;

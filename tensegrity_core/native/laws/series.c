@@ -60,7 +60,8 @@ double ts_rise_force(void *rise, double x)
     for (int n = 0; n < 200; n++) {
         double g = ts_rise_elongation(r, u, &f, &slope) - x;
         if (g == 0.0) return f;
-        if (g > 0.0) b = u; else a = u;
+        if (g > 0.0) b = u;
+        else a = u;
         double next = look_next(u, a, b, g, last, slope, fabs(g) <= MET * fabs(x));
         if (next == u) break;
         u = next;
@@ -97,7 +98,8 @@ double ts_rise_off_fold(void *rise, double s)
     for (int n = 0; n < 200 && s > 0.0; n++) {
         double root = sqrt(off_fold(r, u, &slope)), g = r->fold * (s - root);
         if (g == 0.0) break;
-        if (g > 0.0) b = u; else a = u;
+        if (g > 0.0) b = u;
+        else a = u;
         double next = look_next(u, a, b, g * 2.0 * root, last, slope, fabs(g) <= MET * s);
         if (next == u) break;
         u = next;
@@ -253,7 +255,8 @@ static int goes_on(const climb *c, int j)
 /* Single-valued series of parts; a reason why there is none, or NULL. */
 const char *ts_series(ts_law *law, const ts_law *part, int n)
 {
-    climb c = {law, part, (int32_t *)calloc((size_t)n, sizeof(int32_t)), (double *)calloc((size_t)n, sizeof(double)), 0.0, 0.0, 0.0, n};
+    climb c = {law, part, (int32_t *)calloc((size_t)n, sizeof(int32_t)), (double *)calloc((size_t)n, sizeof(double)), 0.0, 0.0,
+               0.0, n};
     if (!c.at || !c.u) law->reason = "out of memory";
     for (int j = 0; j < n && !law->reason; j++) {
         c.size = fmax(c.size, ts_law_largest(part + j));

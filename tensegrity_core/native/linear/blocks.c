@@ -61,14 +61,19 @@ ALWAYS_INLINE void subtract_product(const pair *a, const double *B, double *C, c
 ALWAYS_INLINE double magnitude(const double *A, const int D)
 {
     if (D == 2) return (fabs(A[0]) + fabs(A[2])) + (fabs(A[1]) + fabs(A[3]));
-    return (fabs(A[0]) + fabs(A[3]) + fabs(A[6])) + (fabs(A[1]) + fabs(A[4]) + fabs(A[7]))
-         + (fabs(A[2]) + fabs(A[5]) + fabs(A[8]));
+    return (fabs(A[0]) + fabs(A[3]) + fabs(A[6])) + (fabs(A[1]) + fabs(A[4]) + fabs(A[7])) +
+           (fabs(A[2]) + fabs(A[5]) + fabs(A[8]));
 }
 
 /* A diagonal block S is kept as P S = G E H in one block F: the numbers of G below the diagonal, E^-1 on it, those of H
  * above.  P is the sum of 1 where rows 0 and 1 are exchanged, 2 where 0 and 2 are, and 4 where then 1 and 2 are. */
 
-#define SWAP(type, a, b) do { type swap = a; a = b; b = swap; } while (0)
+#define SWAP(type, a, b) \
+    do {                 \
+        type swap = a;   \
+        a = b;           \
+        b = swap;        \
+    } while (0)
 
 #define EXCHANGE(type, r0, r1, r2, P)      \
     do {                                   \

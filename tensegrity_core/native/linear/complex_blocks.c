@@ -29,16 +29,10 @@ ALWAYS_INLINE factor_pair spread(pair a)
     return f;
 }
 
-ALWAYS_INLINE pair times(factor_pair a, pair b)
-{
-    return pair_add(pair_multiply(a.re, b), pair_swap(pair_multiply(a.im, b)));
-}
+ALWAYS_INLINE pair times(factor_pair a, pair b) { return pair_add(pair_multiply(a.re, b), pair_swap(pair_multiply(a.im, b))); }
 
 /* b - a c */
-ALWAYS_INLINE pair minus_times(pair b, factor_pair a, pair c)
-{
-    return pair_subtract(b, times(a, c));
-}
+ALWAYS_INLINE pair minus_times(pair b, factor_pair a, pair c) { return pair_subtract(b, times(a, c)); }
 
 /* |a|^2, twice. */
 ALWAYS_INLINE pair squared_magnitude(pair a)
@@ -86,10 +80,7 @@ ALWAYS_INLINE double magnitude(const double *A, const int D)
 }
 
 /* |re| + |im| */
-ALWAYS_INLINE double size_of(const double *x)
-{
-    return fabs(x[0]) + fabs(x[1]);
-}
+ALWAYS_INLINE double size_of(const double *x) { return fabs(x[0]) + fabs(x[1]); }
 
 ALWAYS_INLINE double size_of_pair(pair a)
 {
@@ -124,7 +115,12 @@ ALWAYS_INLINE int factorise2(const double *S, double *F)
     return P;
 }
 
-#define SWAP(a, b) do { pair other = a; a = b; b = other; } while (0)
+#define SWAP(a, b)      \
+    do {                \
+        pair other = a; \
+        a = b;          \
+        b = other;      \
+    } while (0)
 
 /* The same where the first pivot is in row `first`. */
 ALWAYS_INLINE int factorise3_from(const double *S, double *F, const int first, const int second, const int third)
@@ -189,7 +185,8 @@ ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, fac
         spreaded[0] = f0;
         spreaded[1] = f1;
         if (D == 2) continue;
-        pair re = pair_add_product(pair_multiply(f0.re, h02), f1.re, h12), im = pair_add_product(pair_multiply(f0.im, h02), f1.im, h12);
+        pair re = pair_add_product(pair_multiply(f0.re, h02), f1.re, h12),
+             im = pair_add_product(pair_multiply(f0.im, h02), f1.im, h12);
         pair l2 = pair_subtract(pair_subtract(pair_load(NUMBER(A, 2)), re), pair_swap(im));
         pair_store(NUMBER(L, 2), l2);
         spreaded[2] = spread(l2);
@@ -330,10 +327,7 @@ ALWAYS_INLINE void subtract(sums *s, const double *A, const double *v, const int
     }
 }
 
-ALWAYS_INLINE pair total(const sums *s, int d)
-{
-    return pair_add(s->re[d], pair_swap(s->im[d]));
-}
+ALWAYS_INLINE pair total(const sums *s, int d) { return pair_add(s->re[d], pair_swap(s->im[d])); }
 
 /* v = H^-1 s */
 ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *v, const int D)

@@ -62,7 +62,10 @@ ALWAYS_INLINE pair pair_add(pair a, pair b) { return a + b; }
 ALWAYS_INLINE pair pair_subtract(pair a, pair b) { return a - b; }
 ALWAYS_INLINE pair pair_multiply(pair a, pair b) { return a * b; }
 ALWAYS_INLINE pair pair_divide(pair a, pair b) { return a / b; }
-ALWAYS_INLINE pair pair_choose(pair_bits first, pair a, pair b) { return (pair)((first & (pair_bits)a) | (~first & (pair_bits)b)); }
+ALWAYS_INLINE pair pair_choose(pair_bits first, pair a, pair b)
+{
+    return (pair)((first & (pair_bits)a) | (~first & (pair_bits)b));
+}
 ALWAYS_INLINE pair pair_larger(pair a, pair b) { return pair_choose(a > b, a, b); }
 ALWAYS_INLINE pair pair_smaller(pair a, pair b) { return pair_choose(a < b, a, b); }
 ALWAYS_INLINE pair pair_absolute(pair a) { return (pair)((pair_bits)a & (pair_bits){INT64_MAX, INT64_MAX}); }

@@ -11,15 +11,15 @@
 /* Rows of blocks and their neighbours: lists in one pool, from which eliminated rows are dropped when they are next read. */
 typedef struct {
     int32_t n;
-    size_t *at;                       /* (n) start of each list */
-    int32_t *length, *room;           /* (n) numbers in it, and reserved for it */
-    int32_t *degree;                  /* (n) neighbours that are not eliminated */
-    int32_t *gone, *mark;             /* (n) eliminated; scratch */
-    int32_t *heap, *where;            /* (n) rows by (key, number), and their places there */
-    int32_t *key;                     /* (n) degree as the heap knows it */
-    int32_t *order;                   /* (n) */
+    size_t *at;             /* (n) start of each list */
+    int32_t *length, *room; /* (n) numbers in it, and reserved for it */
+    int32_t *degree;        /* (n) neighbours that are not eliminated */
+    int32_t *gone, *mark;   /* (n) eliminated; scratch */
+    int32_t *heap, *where;  /* (n) rows by (key, number), and their places there */
+    int32_t *key;           /* (n) degree as the heap knows it */
+    int32_t *order;         /* (n) */
     int32_t *pool;
-    size_t used, capacity;            /* of the pool */
+    size_t used, capacity; /* of the pool */
 } graph;
 
 static void graph_free(graph *g)

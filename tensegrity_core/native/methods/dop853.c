@@ -12,10 +12,10 @@
 #define STIFF 2.0 /* h lambda from which an implicit step may be the longer one; the method bears about 6 */
 
 /* Stage s of an attempt: its argument in ytmp, its derivative in row s of k. */
-#define STAGE(s)                                                                     \
-    do {                                                                             \
-        add_stages(sim->y, A[s], s, sim->k, stride, h, n, sim->ytmp);                \
-        ts_rhs(sim, tau + C[s] * h, sim->ytmp, sim->k + (s) * stride);               \
+#define STAGE(s)                                                       \
+    do {                                                               \
+        add_stages(sim->y, A[s], s, sim->k, stride, h, n, sim->ytmp);  \
+        ts_rhs(sim, tau + C[s] * h, sim->ytmp, sim->k + (s) * stride); \
     } while (0)
 
 /* Error of the step in units of the tolerance, from the two embedded estimates (Hairer, Norsett, Wanner, section II.10). */
@@ -113,5 +113,4 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
     }
 }
 
-const ts_method ts_dop853 = {
-    "dop853", 1.0 / 8.0, 6.0, 0.04, TS_LEDGER_IN_STAGES, 0, 8, attempt, accept, densify, interpolate};
+const ts_method ts_dop853 = {"dop853", 1.0 / 8.0, 6.0, 0.04, TS_LEDGER_IN_STAGES, 0, 8, attempt, accept, densify, interpolate};

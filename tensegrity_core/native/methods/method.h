@@ -17,12 +17,12 @@ enum {
  * a line in fields.py. */
 typedef struct {
     const char *name;
-    double exponent;    /* of the error in the step size control */
-    double growth;      /* largest growth of the step */
-    double smoothing;   /* exponent of the last step's error there (Gustafsson): fewer rejections */
+    double exponent;  /* of the error in the step size control */
+    double growth;    /* largest growth of the step */
+    double smoothing; /* exponent of the last step's error there (Gustafsson): fewer rejections */
     int flags;
-    int splits;         /* transitions located in one step at most; 0: all */
-    int rows;           /* of cont that its dense output uses */
+    int splits; /* transitions located in one step at most; 0: all */
+    int rows;   /* of cont that its dense output uses */
     /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
     double (*attempt)(ts_sim *sim, double tau, double h);
     /* after acceptance: y1 has been put on the constraint; leave the derivative there in f1 */

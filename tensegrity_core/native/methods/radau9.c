@@ -20,7 +20,7 @@
 #define STAGES 5
 #define PAIRS 2
 #define MOST_ITERATIONS 8
-#define FIXED_EFFORT 0.3    /* of a step of ITERATIONS, the usual number, what does not go with their number */
+#define FIXED_EFFORT 0.3 /* of a step of ITERATIONS, the usual number, what does not go with their number */
 #define ITERATIONS 2.7
 
 /* out_s = sum_j M[s][j] in_j over the stages */
@@ -39,8 +39,10 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
     int stride = sim->m.stride;
     const double *c = sim->cont + first;
     for (int i = 0; i < count; i++)
-        out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * (c[3 * stride + i] +
-                 theta * (c[4 * stride + i] + theta * c[5 * stride + i]))));
+        out[i] =
+            c[i] + theta * (c[stride + i] +
+                            theta * (c[2 * stride + i] +
+                                     theta * (c[3 * stride + i] + theta * (c[4 * stride + i] + theta * c[5 * stride + i]))));
 }
 
 /* First guess of the increments: the last step's polynomial where one joins on, else the velocity alone. */
@@ -166,5 +168,5 @@ static void densify(ts_sim *sim, double tau, double h)
     sim->memory.joined = h;
 }
 
-const ts_method ts_radau9 = {
-    "radau9", 1.0 / 6.0, 8.0, 0.0, TS_IMPLICIT | TS_ALWAYS_DENSE, 0, 6, attempt, accept, densify, interpolate};
+const ts_method ts_radau9 = {"radau9", 1.0 / 6.0, 8.0,     0.0,        TS_IMPLICIT | TS_ALWAYS_DENSE, 0, 6,
+                             attempt,  accept,    densify, interpolate};

@@ -7,10 +7,10 @@
 
 #include "methods/rk4_tableau.h"
 
-#define STAGE(s)                                                                \
-    do {                                                                        \
-        add_stages(sim->y, A[s], s, sim->k, stride, h, n, sim->ytmp);           \
-        ts_rhs(sim, tau + C[s] * h, sim->ytmp, sim->k + (s) * stride);          \
+#define STAGE(s)                                                       \
+    do {                                                               \
+        add_stages(sim->y, A[s], s, sim->k, stride, h, n, sim->ytmp);  \
+        ts_rhs(sim, tau + C[s] * h, sim->ytmp, sim->k + (s) * stride); \
     } while (0)
 
 static double attempt(ts_sim *sim, double tau, double h)
@@ -44,7 +44,9 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
     int stride = sim->m.stride;
     double rest = 1.0 - theta;
     const double *c = sim->cont + first;
-    for (int i = 0; i < count; i++) out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * c[3 * stride + i]));
+    for (int i = 0; i < count; i++)
+        out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }
 
-const ts_method ts_rk4 = {"rk4", 1.0, 1.0, 0.0, TS_FIXED_STEP | TS_LEDGER_IN_STAGES, 0, 4, attempt, accept, densify, interpolate};
+const ts_method ts_rk4 = {"rk4",   1.0,    1.0,     0.0,        TS_FIXED_STEP | TS_LEDGER_IN_STAGES, 0, 4,
+                          attempt, accept, densify, interpolate};

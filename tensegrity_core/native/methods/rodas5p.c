@@ -11,20 +11,20 @@
 #include "methods/rodas5p_tableau.h"
 
 /* Stage s: from the derivative f at its argument to its increment in row s of k. */
-#define SOLVE(s, f)                                                                        \
-    do {                                                                                   \
-        double *U = sim->k + (s) * stride;                                                 \
-        add_stages(f, C[s], s, sim->k, stride, 1.0 / h, n, U);                             \
-        if (D[s] != 0.0)                                                                   \
-            for (int i = 0; i < nq; i++) U[nq + i] += h * D[s] * sim->ft[i];               \
-        ts_stage_solve(sim, a, U);                                                         \
+#define SOLVE(s, f)                                                          \
+    do {                                                                     \
+        double *U = sim->k + (s) * stride;                                   \
+        add_stages(f, C[s], s, sim->k, stride, 1.0 / h, n, U);               \
+        if (D[s] != 0.0)                                                     \
+            for (int i = 0; i < nq; i++) U[nq + i] += h * D[s] * sim->ft[i]; \
+        ts_stage_solve(sim, a, U);                                           \
     } while (0)
 
-#define STAGE(s)                                                         \
-    do {                                                                 \
-        add_stages(sim->y, A[s], s, sim->k, stride, 1.0, n, sim->ytmp);  \
-        ts_rhs(sim, tau + ALPHA[s] * h, sim->ytmp, sim->f1);             \
-        SOLVE(s, sim->f1);                                               \
+#define STAGE(s)                                                        \
+    do {                                                                \
+        add_stages(sim->y, A[s], s, sim->k, stride, 1.0, n, sim->ytmp); \
+        ts_rhs(sim, tau + ALPHA[s] * h, sim->ytmp, sim->f1);            \
+        SOLVE(s, sim->f1);                                              \
     } while (0)
 
 static double attempt(ts_sim *sim, double tau, double h)
@@ -69,7 +69,9 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
     double rest = 1.0 - theta;
     const double *c = sim->cont + first;
     for (int i = 0; i < count; i++)
-        out[i] = rest * c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + theta * c[4 * stride + i])));
+        out[i] = rest * c[i] +
+                 theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + theta * c[4 * stride + i])));
 }
 
-const ts_method ts_rodas5p = {"rodas5p", 1.0 / 5.0, 6.0, 0.0, TS_IMPLICIT | TS_CLIPPED, 0, 5, attempt, accept, densify, interpolate};
+const ts_method ts_rodas5p = {"rodas5p", 1.0 / 5.0, 6.0,     0.0,        TS_IMPLICIT | TS_CLIPPED, 0, 5,
+                              attempt,   accept,    densify, interpolate};

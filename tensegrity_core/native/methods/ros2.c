@@ -75,7 +75,8 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
 {
     int stride = sim->m.stride;
     const double *c = sim->cont + first;
-    for (int i = 0; i < count; i++) out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * c[3 * stride + i]));
+    for (int i = 0; i < count; i++)
+        out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }
 
 const ts_method ts_ros2 = {"ros2", 1.0, 1.0, 0.0, TS_FIXED_STEP | TS_IMPLICIT, 4, 4, attempt, accept, densify, interpolate};

@@ -15,7 +15,8 @@ ALWAYS_INLINE void sum_stages(const double *a, const int count, const double *RE
 {
     for (int i = 0; i < n; i++) {
         double sum = 0.0;
-        UNROLL for (int j = 0; j < count; j++)
+        UNROLL
+        for (int j = 0; j < count; j++)
             if (a[j] != 0.0) sum += a[j] * k[j * stride + i];
         out[i] = scale * sum;
     }
@@ -27,7 +28,8 @@ ALWAYS_INLINE void add_stages(const double *RESTRICT y, const double *a, const i
 {
     for (int i = 0; i < n; i++) {
         double sum = 0.0;
-        UNROLL for (int j = 0; j < count; j++)
+        UNROLL
+        for (int j = 0; j < count; j++)
             if (a[j] != 0.0) sum += a[j] * k[j * stride + i];
         out[i] = y[i] + scale * sum;
     }

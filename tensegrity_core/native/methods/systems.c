@@ -39,7 +39,8 @@ int ts_pair_factorise(ts_sim *sim, int which, double a, double b)
 void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, double *Ui)
 {
     int nq = sim->m.nq;
-    double *RESTRICT pr = sim->lin, *RESTRICT pi = pr + nq, *RESTRICT Jr = pi + nq, *RESTRICT Ji = Jr + nq, *RESTRICT u = Ji + nq;
+    double *RESTRICT pr = sim->lin, *RESTRICT pi = pr + nq, *RESTRICT Jr = pi + nq, *RESTRICT Ji = Jr + nq,
+                     *RESTRICT u = Ji + nq;
     double *RESTRICT sr = Ur + nq, *RESTRICT si = Ui + nq;
     memcpy(pr, Ur, sizeof(double) * (size_t)nq);
     memcpy(pi, Ui, sizeof(double) * (size_t)nq);

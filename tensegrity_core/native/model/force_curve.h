@@ -4,9 +4,9 @@
 
 #include <stdint.h>
 
-#define TS_DEGREE 7               /* of the polynomials of force curves */
-#define TS_ROW (TS_DEGREE + 2)    /* energy at the left end, then the coefficients of the force */
-#define TS_OCTAVES 16             /* of an open piece */
+#define TS_DEGREE 7            /* of the polynomials of force curves */
+#define TS_ROW (TS_DEGREE + 2) /* energy at the left end, then the coefficients of the force */
+#define TS_OCTAVES 16          /* of an open piece */
 
 /* Kinds of pieces. */
 enum {

@@ -81,7 +81,8 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(m->bar_block, B), TAKE(m->bar_centre, B), TAKE(m->bar_base, B);
     TAKE(m->block_bar, m->blocks), TAKE(m->block_turns, m->blocks);
     TAKE(m->node_block, N), TAKE(m->node_centre, N), TAKE(m->node_coef, N), TAKE(m->anchor, N * D);
-    TAKE(m->mover, N), TAKE(m->mover_bar, m->count[TS_E]), TAKE(m->winder, S), TAKE(sim->laden, m->blocks), TAKE(sim->extra_mass, N);
+    TAKE(m->mover, N), TAKE(m->mover_bar, m->count[TS_E]), TAKE(m->winder, S), TAKE(sim->laden, m->blocks),
+        TAKE(sim->extra_mass, N);
     TAKE(sim->base, 5 * m->count[TS_E] * D), TAKE(sim->base_now, 3 * m->count[TS_E] * D);
     TAKE(m->bar_length, B), TAKE(m->term_count, S), TAKE(m->term, 4 * S), TAKE(m->term_place, 16 * S), TAKE(m->s0, S * D);
     TAKE(m->curved, S), TAKE(m->damped, S), TAKE(m->law, S);
@@ -323,7 +324,8 @@ static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
     m->program_doubles = head[TS_COUNTS + 4];
     if (m->program_ints < 0 || m->program_ints > 10000000 || m->program_doubles < 0 || m->program_doubles > 10000000)
         return "a program's size is out of range";
-    if (m->count[TS_V] != 1 && m->count[TS_V] != m->count[TS_D]) return "gravity has neither one component nor one for each axis";
+    if (m->count[TS_V] != 1 && m->count[TS_V] != m->count[TS_D])
+        return "gravity has neither one component nor one for each axis";
     if (m->count[TS_D] != 2 && m->count[TS_D] != 3) return "neither planar nor 3D";
     if (m->z_axis >= m->count[TS_D]) return "no such axis";
     lay_out(m);
@@ -355,7 +357,8 @@ static void count_blocks(ts_sim *sim)
     m->pinned_count = 0;
     for (int i = 0; i < m->count[TS_B]; i++) m->pinned_count += m->fixed[m->bars[2 * i]] || m->fixed[m->bars[2 * i + 1]];
     m->floating_count = m->count[TS_B] - m->pinned_count;
-    m->blocks = m->pinned_count + 2 * m->floating_count + m->lone_count + m->count[TS_A]; /* of an actuator's only the first number is used */
+    m->blocks = m->pinned_count + 2 * m->floating_count + m->lone_count +
+                m->count[TS_A]; /* of an actuator's only the first number is used */
     m->nq = m->blocks * m->count[TS_D];
     m->ny = 2 * m->nq + TS_LEDGER;
     m->stride = round_up(m->ny);
@@ -402,7 +405,8 @@ static const char *lay_out_matrices(ts_sim *sim)
         for (int a = 0; a < m->term_count[i]; a++)
             for (int b = 0; b < m->term_count[i]; b++)
                 m->term_place[16 * i + 4 * a + b] =
-                    (int32_t)D * (int32_t)D * ts_pattern_find(&sim->pattern, m->term[4 * i + a].block, m->term[4 * i + b].block);
+                    (int32_t)D * (int32_t)D *
+                    ts_pattern_find(&sim->pattern, m->term[4 * i + a].block, m->term[4 * i + b].block);
     for (int b = 0; b < m->blocks; b++) m->own_place[b] = (int32_t)(D * D) * ts_pattern_find(&sim->pattern, b, b);
     return NULL;
 }

@@ -93,7 +93,8 @@ static void polynomial(const ts_sim *sim, const double *values, const double *sl
     int D = m->count[TS_D];
     const double *bends = slopes + sim->n_inputs;
     for (int d = 0; d < D; d++) {
-        int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i, a = m->at[TS_NODE_ACCELERATION] + i;
+        int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i,
+            a = m->at[TS_NODE_ACCELERATION] + i;
         out[d] = values[x];
         out[D + d] = first_nonzero(slopes[x], values[v], 0.0);
         out[2 * D + d] = first_nonzero(bends[x], slopes[v], values[a]);

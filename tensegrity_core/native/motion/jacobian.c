@@ -17,7 +17,8 @@
 
 /* Derivatives of the string force T s/xi by s (Kq) and by s' (Kv), and its explicit time derivative (ft), from what the last
  * ts_forces() left; returns the stiffness along the string. */
-ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, const int exact, double *Kq, double *Kv, double *ft, const int D)
+ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, const int exact, double *Kq, double *Kv, double *ft,
+                                      const int D)
 {
     int lanes = sim->m.lanes;
     double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
@@ -76,7 +77,8 @@ static void wind(ts_sim *sim, int i, double slope, const double *Kq, const doubl
     sim->Jq[m->own_place[motor]] -= inv * slope;
     sim->Jv[m->own_place[motor]] -= inv * damping;
     for (int k = 0; k < m->term_count[i]; k++) {
-        int row = D * D * ts_pattern_find(&sim->pattern, motor, t[k].block), column = D * D * ts_pattern_find(&sim->pattern, t[k].block, motor);
+        int row = D * D * ts_pattern_find(&sim->pattern, motor, t[k].block),
+            column = D * D * ts_pattern_find(&sim->pattern, t[k].block, motor);
         double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inv[t[k].block];
         for (int d = 0; d < D; d++) {
             double alongq = 0.0, alongv = 0.0;
@@ -134,7 +136,8 @@ ALWAYS_INLINE void project_columns(double *A, const double *c, double over, cons
 }
 
 /* Rows of a bar vector: P from the left, then the derivatives of P and of the centripetal term. */
-ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, const double *Q, int b, const int exact, const int D)
+ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, const double *Q, int b, const int exact,
+                             const int D)
 {
     const ts_pattern *p = &sim->pattern;
     double over = 1.0 / dot(c, c, D), w = sim->inv[b], cQ = w * dot(c, Q, D), speed = dot(cd, cd, D), *ft = sim->ft + b * D;
@@ -175,7 +178,8 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
     memset(sim->Jq, 0, size);
     memset(sim->Jv, 0, size);
     memset(sim->ft, 0, sizeof(double) * (size_t)m->nq);
-    for (int i = 0; sim->forces_move && i < m->nq; i++) sim->ft[i] = sim->inv[i / D] * (sim->Qf_rate[i] + tau * sim->Qf_bend[i]);
+    for (int i = 0; sim->forces_move && i < m->nq; i++)
+        sim->ft[i] = sim->inv[i / D] * (sim->Qf_rate[i] + tau * sim->Qf_bend[i]);
     add_strings(sim, tau, exact, D);
     if (m->driven) ts_drive_jacobian(sim, tau);
     for (int b = 0; b < m->blocks; b++)

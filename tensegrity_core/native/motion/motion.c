@@ -180,7 +180,8 @@ ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const doubl
             sv = d ? pair_add_product(sv, s[d], sd) : pair_multiply(s[d], sd);
         }
         pair xi = pair_of(sqrt(pair_first(ss)), sqrt(pair_second(ss))), rest_rate = pair_load(rest_rates + i);
-        pair over = pair_divide(pair_both(1.0), pair_larger(xi, least)), rate = pair_subtract(pair_multiply(sv, over), rest_rate);
+        pair over = pair_divide(pair_both(1.0), pair_larger(xi, least)),
+             rate = pair_subtract(pair_multiply(sv, over), rest_rate);
         pair gap = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
         pair low = pair_load(sim->gap_low + i), high = pair_load(sim->gap_high + i);
         pair_store(sim->over + i, over);
@@ -442,8 +443,8 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
     else DISPATCH(sim, forces, sim, tau, y, Q, 0);
 }
 
-ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate, const int driven,
-                                const int D)
+ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate,
+                                const int driven, const int D)
 {
     const ts_model *m = &sim->m;
     double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
@@ -505,8 +506,8 @@ void ts_project(const ts_sim *sim, double *y) { DISPATCH(sim, project_all, &sim-
 
 /* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|), for two estimates at
  * once.  Norms of vectors, so that a rotated scene takes the same steps. */
-ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *norm,
-                               double *norm2, const int D)
+ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1,
+                               double *norm, double *norm2, const int D)
 {
     double worst = 0.0, worst2 = 0.0, sum = 0.0;
     for (int b = 0; b < 2 * sim->m.blocks * D; b += D) {
@@ -521,7 +522,8 @@ ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double 
     *norm2 = sum == sum ? sqrt(worst2) * over : NAN;
 }
 
-void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n, double *n2)
+void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n,
+                    double *n2)
 {
     DISPATCH(sim, error_norms, sim, e, e2, y0, y1, n, n2);
 }

@@ -16,7 +16,8 @@ double ts_rest_rate(const ts_sim *sim, int string, double tau);
 int ts_sloped(const ts_sim *sim);
 void ts_project(const ts_sim *sim, double *y);
 void ts_project_block(const ts_sim *sim, double *y, int block);
-void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n, double *n2);
+void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n,
+                    double *n2);
 double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1);
 
 #endif

@@ -189,7 +189,8 @@ ALWAYS_INLINE void bars(ts_sim *sim, const int D)
     const ts_model *m = &sim->m;
     const double *mass = sim->values + m->at[TS_BAR_MASS], *x = sim->values + m->at[TS_POSITION];
     for (int i = 0; i < m->count[TS_B]; i++) {
-        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i], moves = base >= 0 && m->mover[base] >= 0;
+        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i],
+            moves = base >= 0 && m->mover[base] >= 0;
         double axial = 0.0, speed = 0.0, *f1 = sim->node_force + first * D, *f2 = sim->node_force + second * D;
         const double *v = sim->f0 + m->bar_block[i] * D, *a = v + m->nq;
         const double *a_base = moves ? sim->base_now + (3 * m->mover[base] + 2) * D : at_rest;

@@ -12,21 +12,21 @@
 
 #include <math.h>
 
-#define REACH 6.0       /* h times the fastest rate that dop853 bears */
-#define BOLD 4.0        /* first implicit step over the last explicit one */
-#define TRIAL 4         /* steps that are a trial */
-#define LENIENT 2.0     /* times the other's cost that a method may take meanwhile: its steps grow */
-#define LOSSES 2        /* implicit steps in a row not worth their cost that end a phase */
-#define STEADY 1.5      /* steps that grow by more are not compared yet */
-#define CALM 0.3        /* h lambda below which stability is far away; implicit methods then hardly ever win */
-#define CALMER 8.0      /* factor of their intervals there */
-#define CUT 2.0         /* factor of their intervals where steps end at transitions */
-#define HOPE 3.0        /* explicit steps may be so much longer than when last seen */
-#define PATIENCE 3      /* signs of stiffness that make `auto` leave the explicit method */
+#define REACH 6.0   /* h times the fastest rate that dop853 bears */
+#define BOLD 4.0    /* first implicit step over the last explicit one */
+#define TRIAL 4     /* steps that are a trial */
+#define LENIENT 2.0 /* times the other's cost that a method may take meanwhile: its steps grow */
+#define LOSSES 2    /* implicit steps in a row not worth their cost that end a phase */
+#define STEADY 1.5  /* steps that grow by more are not compared yet */
+#define CALM 0.3    /* h lambda below which stability is far away; implicit methods then hardly ever win */
+#define CALMER 8.0  /* factor of their intervals there */
+#define CUT 2.0     /* factor of their intervals where steps end at transitions */
+#define HOPE 3.0    /* explicit steps may be so much longer than when last seen */
+#define PATIENCE 3  /* signs of stiffness that make `auto` leave the explicit method */
 #define MOST_PATIENCE 96
-#define FADE 0.2        /* weight of the last step in means */
-#define TIGHT 1e-8      /* tolerance from which on radau9 is the first to be tried */
-#define FINE 16.0       /* explicit steps in a communication step that is a short one */
+#define FADE 0.2   /* weight of the last step in means */
+#define TIGHT 1e-8 /* tolerance from which on radau9 is the first to be tried */
+#define FINE 16.0  /* explicit steps in a communication step that is a short one */
 
 /* Intervals between trials, in steps of the method to try: the first, after a phase that paid or none; between methods of
  * which both do well; the longest, so that trials take a few hundredths of the work; growth of an interval when the trial
@@ -37,8 +37,8 @@
 #define RARER 2.0
 #define RARER_PHASE 1.5
 
-enum { EXPLICIT, ROSENBROCK, RADAU };                    /* places of the methods */
-enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT };    /* trials */
+enum { EXPLICIT, ROSENBROCK, RADAU };                 /* places of the methods */
+enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT }; /* trials */
 
 /* The methods, by their places.  An attempt of usual effort costs so many explicit steps: `steps`, and `solves` for each number
  * in the blocks of the factor over the strings, which are the work of the right-hand side; measured on scenes of two to thirty

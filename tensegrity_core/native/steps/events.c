@@ -15,8 +15,8 @@
 #include <float.h>
 #include <math.h>
 
-#define SAMPLES 8      /* of the dense output where a crossing is suspected */
-#define FEW_SAMPLES 3  /* where the elongation goes one way */
+#define SAMPLES 8     /* of the dense output where a crossing is suspected */
+#define FEW_SAMPLES 3 /* where the elongation goes one way */
 
 /* Untrimmed tension: positive where spring and damper together pull. */
 static double raw_tension(const ts_sim *sim, int i, double gap, double rate, double *scale)

@@ -15,8 +15,8 @@
 #define SAFETY 0.9
 #define LEAST_ERROR 1e-4 /* that the control remembers */
 #define LEAST_STEP 1e-22 /* of a call's length: less would not reach its end */
-#define SHRINK 0.2     /* smallest factor of the step after a rejection */
-#define RETAKES 8      /* attempts in a row after which a doubtful transition counts all the same */
+#define SHRINK 0.2       /* smallest factor of the step after a rejection */
+#define RETAKES 8        /* attempts in a row after which a doubtful transition counts all the same */
 #define ROUND_OFF (8.0 * DBL_EPSILON)
 #define FIXED_STEP 1e-3 /* s, where none is given */
 #define PORTION 2e8     /* work of a short call at most, about 3 s */
@@ -230,8 +230,8 @@ static int finish_open_span(ts_sim *sim, double end, double *tau)
 typedef struct {
     double end, longest;
     int may_run_ahead, ahead; /* steps may end past `end`: as far as the inputs are concerned; by the present method, too */
-    int64_t grid, n; /* fixed steps: how many, and the present one; time is derived from them */
-    int splits;      /* transitions located in the present one */
+    int64_t grid, n;          /* fixed steps: how many, and the present one; time is derived from them */
+    int splits;               /* transitions located in the present one */
 } plan;
 
 static double grid_point(const plan *p, int64_t n) { return n >= p->grid ? p->end : p->end * (double)n / (double)p->grid; }
@@ -347,7 +347,8 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     sim->call = end;
     sim->may_run_ahead = may_run_ahead;
     budget b = {work(sim), PORTION, 0.0};
-    if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end)) return fail(sim, TS_WORK_LIMIT);
+    if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end))
+        return fail(sim, TS_WORK_LIMIT);
     sim->most = p.longest;
     if (!(memory->h_next > LEAST_STEP * end)) memory->h_next = 0.0; /* a call so much shorter says nothing of this one */
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);

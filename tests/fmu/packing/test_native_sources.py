@@ -202,7 +202,11 @@ def test_two_source_fmus_link_into_one_program(fmu, sources, tmp_path):
         assert len(names) > 200 and not [name for name in names if not name.startswith(("one_", "two_"))]
     description = read_model_description(str(fmu))
     reference = next(v.valueReference for v in description.modelVariables if v.name == "energy.kinetic")
-    text = {"GUID": f'"{description.guid}"', "RESOURCES": f'"{(sources.parent / "resources").as_uri()}"', "REFERENCE": reference}
+    text = {
+        "GUID": f'"{description.guid}"',
+        "RESOURCES": f'"{(sources.parent / "resources").as_uri()}"',
+        "REFERENCE": reference,
+    }
     defined = "".join(f"#define {key} {value}\n" for key, value in text.items())
     (tmp_path / "both.c").write_text(defined + BOTH, encoding="utf-8")
     subprocess.run([*command, *options, "both.c", *objects, "-o", "both", "-lm"], check=True, cwd=tmp_path)

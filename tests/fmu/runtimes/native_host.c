@@ -62,6 +62,7 @@ void *realloc(void *p, size_t size)
 }
 #endif
 
+/* clang-format off */ /* names in rows */
 #define FUNCTIONS(X)                                                                                                         \
     X(fmi2GetTypesPlatform) X(fmi2GetVersion) X(fmi2SetDebugLogging) X(fmi2Instantiate) X(fmi2FreeInstance)                  \
     X(fmi2SetupExperiment) X(fmi2EnterInitializationMode) X(fmi2ExitInitializationMode) X(fmi2Terminate) X(fmi2Reset)        \
@@ -70,6 +71,7 @@ void *realloc(void *p, size_t size)
     X(fmi2SerializeFMUstate) X(fmi2DeSerializeFMUstate) X(fmi2GetDirectionalDerivative) X(fmi2SetRealInputDerivatives)       \
     X(fmi2GetRealOutputDerivatives) X(fmi2DoStep) X(fmi2CancelStep) X(fmi2GetStatus) X(fmi2GetRealStatus)                    \
     X(fmi2GetIntegerStatus) X(fmi2GetBooleanStatus) X(fmi2GetStringStatus)
+/* clang-format on */
 
 typedef struct {
     void *library;
@@ -107,7 +109,8 @@ static fmu load(char **text, int mode)
 #else
     f.library = dlopen(text[0], mode);
     if (!f.library) give_up(text[0], dlerror());
-#define FIND(name) if (!(*(void **)&f.name = dlsym(f.library, #name))) give_up(#name, "is not exported");
+#define FIND(name) \
+    if (!(*(void **)&f.name = dlsym(f.library, #name))) give_up(#name, "is not exported");
     FUNCTIONS(FIND)
 #undef FIND
 #endif
@@ -440,7 +443,8 @@ static void everything(const fmu *f)
     refused_states(f, c);
     statuses(f, c);
     failed_step(f, c, rows + STEPS * f->outputs);
-    require(f->fmi2CancelStep(c) == fmi2Discard && f->fmi2DoStep(c, -1.0, STEP, fmi2True) == fmi2Error, "refused, and an error");
+    require(f->fmi2CancelStep(c) == fmi2Discard && f->fmi2DoStep(c, -1.0, STEP, fmi2True) == fmi2Error,
+            "refused, and an error");
     require(f->fmi2Terminate(c) == fmi2Error, "an error stays");
     require(f->fmi2Reset(c) == fmi2OK, "fmi2Reset");
     start(f, c);
@@ -468,8 +472,8 @@ static uint32_t draw(uint32_t below)
 /* No force between 1e10 and 1e300 N, say: a step under it may take seconds until the solver's limit of work ends it. */
 static double hostile(void)
 {
-    static const double values[] = {0.0, -0.0, 1.0, -1.0, 0.3, 2.5, 50.0, -80.0, 1e-3, 1e-300, 5e-324, DBL_MAX, -DBL_MAX,
-                                    NAN, INFINITY, -INFINITY, 3.0, 1e-14, 0.1, 7.9};
+    static const double values[] = {0.0,    -0.0,    1.0,      -1.0, 0.3,      2.5,       50.0, -80.0, 1e-3, 1e-300,
+                                    5e-324, DBL_MAX, -DBL_MAX, NAN,  INFINITY, -INFINITY, 3.0,  1e-14, 0.1,  7.9};
     return values[draw(sizeof values / sizeof *values)];
 }
 
@@ -587,8 +591,10 @@ static fmi2Status random_mode_call(walker *w, places *p)
     const fmu *f = w->f;
     switch (draw(16)) {
     case 0: return f->fmi2SetupExperiment(w->c, draw(2), hostile(), draw(2) ? 0.0 : hostile(), draw(8) == 0, hostile());
-    case 1: case 2: return f->fmi2EnterInitializationMode(w->c);
-    case 3: case 4: return f->fmi2ExitInitializationMode(w->c);
+    case 1:
+    case 2: return f->fmi2EnterInitializationMode(w->c);
+    case 3:
+    case 4: return f->fmi2ExitInitializationMode(w->c);
     case 5: return draw(4) ? fmi2OK : f->fmi2Terminate(w->c);
     case 6: return f->fmi2Reset(w->c);
     case 7: return draw(6) ? fmi2OK : f->fmi2CancelStep(w->c);
@@ -624,8 +630,10 @@ static void walk(const fmu *f, uint64_t seed, long count)
     for (long i = 0; i < count; i++) {
         uint32_t kind = draw(10);
         fill(f, &p);
-        fmi2Status status = kind < 4 ? random_step(&w) : kind < 7 ? random_value_call(&w, &p)
-                          : kind < 8 ? random_state_call(&w) : random_mode_call(&w, &p);
+        fmi2Status status = kind < 4   ? random_step(&w)
+                            : kind < 7 ? random_value_call(&w, &p)
+                            : kind < 8 ? random_state_call(&w)
+                                       : random_mode_call(&w, &p);
         require(status >= fmi2OK && status <= fmi2Error, "no status worse than fmi2Error");
         seen[status]++;
         order = (order * 33 + (unsigned long)status) % 1000000007;
@@ -645,8 +653,9 @@ static void walk(const fmu *f, uint64_t seed, long count)
 
 /* ---- Every value of every variable, and forged states ---- */
 
-static const double extreme[] = {0.0, -0.0, 1.0, -1.0, 5e-324, -5e-324, 1e-300, 1e-12, 1e12, 1e154, 1e155, 1e300, 1e308, -1e308,
-                                 DBL_MAX, -DBL_MAX, NAN, INFINITY, -INFINITY, 1e-3, 0.5, 2.0, 8.0, 1e3, -1e6};
+static const double extreme[] = {0.0,       -0.0,  1.0,   -1.0,  5e-324, -5e-324, 1e-300,   1e-12, 1e12,
+                                 1e154,     1e155, 1e300, 1e308, -1e308, DBL_MAX, -DBL_MAX, NAN,   INFINITY,
+                                 -INFINITY, 1e-3,  0.5,   2.0,   8.0,    1e3,     -1e6};
 static const fmi2Integer extreme_whole[] = {0, 1, 2, 3, 4, 5, 6, 7, -1, 100, 65536, INT32_MAX, INT32_MIN};
 #define EXTREMES (sizeof extreme / sizeof *extreme)
 #define EXTREME_WHOLES (sizeof extreme_whole / sizeof *extreme_whole)
@@ -690,8 +699,8 @@ static void set_once(trial *t, fmi2Component c, fmi2FMUstate run_on, fmi2ValueRe
     n %= EXTREMES + EXTREME_WHOLES;
     if (late) require(f->fmi2SetFMUstate(c, run_on) == fmi2OK, "fmi2SetFMUstate");
     else require(f->fmi2Reset(c) == fmi2OK, "fmi2Reset");
-    fmi2Status status = n < EXTREMES ? f->fmi2SetReal(c, &vr, 1, extreme + n)
-                                     : f->fmi2SetInteger(c, &vr, 1, extreme_whole + (n - EXTREMES));
+    fmi2Status status =
+        n < EXTREMES ? f->fmi2SetReal(c, &vr, 1, extreme + n) : f->fmi2SetInteger(c, &vr, 1, extreme_whole + (n - EXTREMES));
     if (!happened(t, status)) return;
     if (!late) {
         f->fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0);
@@ -748,7 +757,8 @@ static void forge(char *bytes, const char *other, size_t size)
         if (kind == 0) memcpy(bytes + at, other + at, n);
         else if (kind == 1 && at + 8 <= size) memcpy(bytes + at, extreme + draw(EXTREMES), 8);
         else if (kind == 2 && at + 4 <= size) memcpy(bytes + at, extreme_whole + draw(EXTREME_WHOLES), 4);
-        else for (size_t k = 0; k < n; k++) bytes[at + k] = (char)draw(256);
+        else
+            for (size_t k = 0; k < n; k++) bytes[at + k] = (char)draw(256);
     }
     sign(bytes, size);
 }

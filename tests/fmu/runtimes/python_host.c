@@ -44,9 +44,11 @@
 #define PUSH 45.0 /* N */
 #define THREADS 4
 
+/* clang-format off */ /* names in rows */
 #define FUNCTIONS(X)                                                                                            \
     X(fmi2Instantiate) X(fmi2FreeInstance) X(fmi2SetupExperiment) X(fmi2EnterInitializationMode)                \
     X(fmi2ExitInitializationMode) X(fmi2SetReal) X(fmi2GetReal) X(fmi2DoStep) X(fmi2Reset)
+/* clang-format on */
 
 typedef struct {
     char **text; /* arguments from LIBRARY on */

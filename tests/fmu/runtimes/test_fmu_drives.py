@@ -9,7 +9,6 @@ from fmpy.validation import validate_fmu
 
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
-from fmu_src.validation.compare import series
 from fmu_src.validation.scenarios import Scenario, scenarios
 from fmu_src.validation.validate import run_outside
 from fmu_src.variables.interface import variables

@@ -3,7 +3,6 @@ in common is tested in test_native_fmu.py."""
 
 import ctypes
 import importlib
-import math
 import subprocess
 import sys
 

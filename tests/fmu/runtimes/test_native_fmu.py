@@ -20,7 +20,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.validation import outside, validate
 from fmu_src.validation.scenarios import scenarios
 from fmu_src.variables.interface import variables
@@ -353,12 +352,14 @@ def null_calls(one):
     yield from (("SerializeFMUstate", (None, b"", 0)), ("SerializeFMUstate", (state, None, 10**6)))
     yield from (("DeSerializeFMUstate", (None, 9, byref(c_void_p()))), ("DeSerializeFMUstate", (b"123", 3, None)))
     yield from (("GetRealStatus", (LAST_SUCCESSFUL_TIME, None)), ("GetBooleanStatus", (TERMINATED, None)))
-    yield from (("SetRealInputDerivatives", (None, 1, byref(order), byref(real))),
-                ("SetRealInputDerivatives", (force, 1, None, byref(real))),
-                ("SetRealInputDerivatives", (force, 1, byref(order), None)),
-                ("GetRealOutputDerivatives", (None, 1, byref(order), byref(real))),
-                ("GetRealOutputDerivatives", (ref, 1, None, byref(real))),
-                ("GetRealOutputDerivatives", (ref, 1, byref(order), None)))  # fmt: skip
+    yield from (
+        ("SetRealInputDerivatives", (None, 1, byref(order), byref(real))),
+        ("SetRealInputDerivatives", (force, 1, None, byref(real))),
+        ("SetRealInputDerivatives", (force, 1, byref(order), None)),
+        ("GetRealOutputDerivatives", (None, 1, byref(order), byref(real))),
+        ("GetRealOutputDerivatives", (ref, 1, None, byref(real))),
+        ("GetRealOutputDerivatives", (ref, 1, byref(order), None)),
+    )
     one.drop(state)
 
 
@@ -406,9 +407,14 @@ def test_bad_values_are_discarded_and_change_nothing(name, bad, rule, both):
 @pytest.mark.parametrize("mode", ["instantiated", "initialization"])
 def test_bad_start_values_are_discarded(mode, both):
     one = both("three_bar_nsh", mode)
-    bad = {"s2.nsh.zeta[3]": (9.0, "at most 7.999999999999999"), "b1.mass": (0.0, "at least 2.2250738585072014e-308"),
-           "s1.nsh.Q[1]": (-3.0, "at least"), "solver.tolerance": (1.0, "at most 0.1"), "solver.step": (-1.0, "at least 0"),
-           "solver.method": (6, "at most 5")}  # fmt: skip
+    bad = {
+        "s2.nsh.zeta[3]": (9.0, "at most 7.999999999999999"),
+        "b1.mass": (0.0, "at least 2.2250738585072014e-308"),
+        "s1.nsh.Q[1]": (-3.0, "at least"),
+        "solver.tolerance": (1.0, "at most 0.1"),
+        "solver.step": (-1.0, "at least 0"),
+        "solver.method": (6, "at most 5"),
+    }
     for name, (value, rule) in bad.items():
         assert one.set({name: value}) == DISCARD and one.said(f"{name} = {value:g}", rule), name
     if mode == "instantiated":

@@ -61,8 +61,12 @@ def sanitized(tmp_path_factory):
     sources = [*build.runtime_sources(), *build.kernel_sources()]
 
     def make(folder):
-        probe = subprocess.run([*(build.system_compiler() or ["cc"]), *SANITIZERS, "-x", "c", "-", "-o", os.devnull],
-                               input="int main(void) { return 0; }", capture_output=True, text=True)  # fmt: skip
+        probe = subprocess.run(
+            [*(build.system_compiler() or ["cc"]), *SANITIZERS, "-x", "c", "-", "-o", os.devnull],
+            input="int main(void) { return 0; }",
+            capture_output=True,
+            text=True,
+        )
         if build.system_compiler() is None or probe.returncode:
             folder.mkdir(parents=True)  # without a program: skipped below
         else:

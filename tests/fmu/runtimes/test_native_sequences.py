@@ -24,7 +24,6 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from tests.support.native_calls import DISCARD, ERROR, FATAL, LAST_SUCCESSFUL_TIME, OK, WARNING, Calls
 
-
 EXAMPLES, CALLS = 60, 60
 LARGEST = sys.float_info.max
 
@@ -94,8 +93,11 @@ class Sequences(RuleBasedStateMachine):
 
     # Life cycle
 
-    @rule(tolerance=st.none() | VALUES, start=st.sampled_from([0.0, 2.5, -1.0, math.nan, math.inf]),
-          stop=st.none() | st.sampled_from([0.05, 3.0, -7.0, math.nan, math.inf]))  # fmt: skip
+    @rule(
+        tolerance=st.none() | VALUES,
+        start=st.sampled_from([0.0, 2.5, -1.0, math.nan, math.inf]),
+        stop=st.none() | st.sampled_from([0.05, 3.0, -7.0, math.nan, math.inf]),
+    )
     def setup_experiment(self, tolerance, start, stop):
         e, given = self.expected, [0.0 if value is None else value for value in (tolerance, stop)]
         status = self.one.do("SetupExperiment", tolerance is not None, given[0], start, stop is not None, given[1])
@@ -239,8 +241,10 @@ class Sequences(RuleBasedStateMachine):
 
     # Steps
 
-    @rule(off=st.sampled_from([0.0] * 9 + [1e-5, -1.0, math.nan, math.inf]),
-          h=st.sampled_from([1e-3] * 9 + [0.01, 1e-6, 1e-300, 0.0, -1e-3, math.nan, math.inf]))  # fmt: skip
+    @rule(
+        off=st.sampled_from([0.0] * 9 + [1e-5, -1.0, math.nan, math.inf]),
+        h=st.sampled_from([1e-3] * 9 + [0.01, 1e-6, 1e-300, 0.0, -1e-3, math.nan, math.inf]),
+    )
     def step_somehow(self, off, h):
         self.step(off, h)
 
@@ -333,10 +337,14 @@ def main(folder: str, examples: str) -> None:
     run_state_machine_as_test(
         Sequences,
         settings=settings(
-            max_examples=int(examples), stateful_step_count=CALLS, derandomize=True, deadline=None, database=None,
+            max_examples=int(examples),
+            stateful_step_count=CALLS,
+            derandomize=True,
+            deadline=None,
+            database=None,
             suppress_health_check=list(HealthCheck),
         ),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("runtime", ["native", "python"])

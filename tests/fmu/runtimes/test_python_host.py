@@ -13,7 +13,7 @@ import sys
 import sysconfig
 import tempfile
 import zipfile
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -33,9 +33,27 @@ ALONE = ("freed", "kept", "unloaded", "again", "resident", "last", "handed", "si
 WITH_PYTHON = ("local", "global", "embedded", "held", "ended", "embedded_last")
 #: Names of folders; the last one is no UTF-8.
 NAMES = [
-    *(c for c in "ü橋{}%#?';&+ \"<>|*~$`^=,@![]()"), "größe #1", "a b  c", " x ", "-x", "100%", "%41%C3%BC", "%n%s%zz", "\\",
-    "file:", "日本語のフォルダ", "🏗", "é", "e\u0301", "\u00a0", "\u202e", "x" * 200, "a\nb", "{0}%s#?';&+ü橋", os.fsdecode(b"\xff\xfe"),
-]  # fmt: skip
+    *(c for c in "ü橋{}%#?';&+ \"<>|*~$`^=,@![]()"),
+    "größe #1",
+    "a b  c",
+    " x ",
+    "-x",
+    "100%",
+    "%41%C3%BC",
+    "%n%s%zz",
+    "\\",
+    "file:",
+    "日本語のフォルダ",
+    "🏗",
+    "é",
+    "e\u0301",
+    "\u00a0",
+    "\u202e",
+    "x" * 200,
+    "a\nb",
+    "{0}%s#?';&+ü橋",
+    os.fsdecode(b"\xff\xfe"),
+]
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the hosts are written for POSIX")
 
@@ -72,7 +90,7 @@ def places(folder: Path) -> tuple[int, int]:
     return references[f"{top}.force.z"], references[f"{top}.z"]
 
 
-@lru_cache(maxsize=None)
+@cache
 def expected(name: str, pushed: int, read: int) -> float:
     kernel = Kernel(scene(name))
     kernel.initialize()
@@ -266,11 +284,11 @@ def altered(python_folders, tmp_path, old: str, new: str) -> Path:
 
 
 HOOKS = {
-    "setup_experiment": "        what, state = \"fmi2SetupExperiment\", self._state\n",
-    "exit_initialization_mode": "        what = \"fmi2ExitInitializationMode\"\n",
-    "do_step": "        state, what = self._state, \"fmi2DoStep\"\n",
-    "get_real": "        what = \"fmi2GetReal\"\n",
-    "set_real": "        self._set(\"fmi2SetReal\", self._table.reals, self._values, references, values)\n",
+    "setup_experiment": '        what, state = "fmi2SetupExperiment", self._state\n',
+    "exit_initialization_mode": '        what = "fmi2ExitInitializationMode"\n',
+    "do_step": '        state, what = self._state, "fmi2DoStep"\n',
+    "get_real": '        what = "fmi2GetReal"\n',
+    "set_real": '        self._set("fmi2SetReal", self._table.reals, self._values, references, values)\n',
     "__init__": "        super().__init__(**kwargs)\n",
 }
 RAISED = {

@@ -151,9 +151,19 @@ def _deep(one, path, factor):
 
 #: Name: file, text, and what stands there instead; scenes that have what is wrong.
 SOURCES = {
-    "inertia of a free bar": ("motion/drives.c", "12.0 / (bar + 12.0 * inertia)", "12.00012 / (bar + 12.0 * inertia)", "six_bar"),
+    "inertia of a free bar": (
+        "motion/drives.c",
+        "12.0 / (bar + 12.0 * inertia)",
+        "12.00012 / (bar + 12.0 * inertia)",
+        "six_bar",
+    ),
     "inertia of a pinned bar": ("motion/drives.c", "3.0 / (bar + 3.0 * tip)", "3.00003 / (bar + 3.0 * tip)", "two_bar"),
-    "centripetal acceleration": ("motion/motion.c", "+ dot(cd, cd, D)) / dot", "+ 1.00001 * dot(cd, cd, D)) / dot", "three_bar"),
+    "centripetal acceleration": (
+        "motion/motion.c",
+        "+ dot(cd, cd, D)) / dot",
+        "+ 1.00001 * dot(cd, cd, D)) / dot",
+        "three_bar",
+    ),
     "arms of a free bar": ("motion/motion.c", ": 0.5 * (f2[d] - f1[d])", ": 0.500005 * (f2[d] - f1[d])", "six_bar_nsh"),
     "bar force": ("motion/outputs.c", "+ 0.5 * axial)", "+ 0.500005 * axial)", "two_bar_nsh"),
     "bar force of a turning bar": ("motion/outputs.c", "mass[i] / 12.0 * speed", "mass[i] / 11.99988 * speed", "six_bar"),
@@ -161,14 +171,34 @@ SOURCES = {
     "kinetic energy": ("motion/outputs.c", "return 0.5 * sum +", "return 0.500005 * sum +", "two_bar"),
     "dissipated energy": ("motion/motion.c", "lost[l] += fd[i + l]", "lost[l] += 1.00001 * fd[i + l]", "three_bar"),
     "work of rest lengths": ("motion/motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
-    "moving rest length": ("motion/motion.c", "rest[i] + (sim->rest_rate[i]", "rest[i] + (1.00001 * sim->rest_rate[i]", "six_bar"),
-    "force of a beam": ("laws/nsh.c", "* (x * (x - 3.0) + 2.0) + 2.0); }", "* (x * (x - 3.0) + 2.0) + 2.00002); }", "two_bar_nsh"),
+    "moving rest length": (
+        "motion/motion.c",
+        "rest[i] + (sim->rest_rate[i]",
+        "rest[i] + (1.00001 * sim->rest_rate[i]",
+        "six_bar",
+    ),
+    "force of a beam": (
+        "laws/nsh.c",
+        "* (x * (x - 3.0) + 2.0) + 2.0); }",
+        "* (x * (x - 3.0) + 2.0) + 2.00002); }",
+        "two_bar_nsh",
+    ),
     "stop of a beam": ("laws/nsh.c", "xi += 2.0 * r->b[j].h", "xi += 2.00002 * r->b[j].h", "two_bar_nsh"),
     "work of drag": ("motion/drives.c", "* dot(speed, speed, D);", "* 1.00001 * dot(speed, speed, D);", "laboratory"),
     "loss of a motor": ("motion/drives.c", "p[0] += drive.loss * speed", "p[0] += 1.00001 * drive.loss * speed", "wound"),
     "bar of a moved node": ("motion/outputs.c", "sum += sim->laden", "sum += 1.00001 * sim->laden", "laboratory"),
-    "weight of the method": ("methods/dop853_tableau.h", "{0.054293734116568765, 0, 0, 0", "{0.054294277054, 0, 0, 0", "three_bar"),
-    "loss in a snap": ("laws/memory/hysteresis.c", "*loss = fmax(0.0, before", "*loss = fmax(0.0, 1.00001 * before", "mast_memory"),
+    "weight of the method": (
+        "methods/dop853_tableau.h",
+        "{0.054293734116568765, 0, 0, 0",
+        "{0.054294277054, 0, 0, 0",
+        "three_bar",
+    ),
+    "loss in a snap": (
+        "laws/memory/hysteresis.c",
+        "*loss = fmax(0.0, before",
+        "*loss = fmax(0.0, 1.00001 * before",
+        "mast_memory",
+    ),
     "spring of a string with memory": ("laws/memory/branches.c", "return T / g->k", "return 1.00001 * T / g->k", "mast_memory"),
 }
 

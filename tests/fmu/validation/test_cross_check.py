@@ -65,9 +65,13 @@ def simulated(options):
     """What `python -m fmpy.cross_check --simulate` does with an FMU."""
     given = fmpy_csv(options["input_filename"])
     return simulate_fmu(
-        options["fmu_filename"], validate=False, step_size=options["step_size"], stop_time=options["stop_time"], input=given,
+        options["fmu_filename"],
+        validate=False,
+        step_size=options["step_size"],
+        stop_time=options["stop_time"],
+        input=given,
         output=options["output_variable_names"],
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

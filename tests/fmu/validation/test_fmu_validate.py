@@ -119,8 +119,13 @@ def test_a_folder_whose_name_is_no_text_serves_as_any_other(kind, fmus, native_f
 def test_scenarios_are_the_articles(name):
     model = scene(name)
     assert [run.name for run in scenarios(model)] == [
-        "constant_1d", "square_wave_0_1d", "square_wave_1d", "square_wave_10d", "rest_lengths_1d", "push_1d"
-    ]  # fmt: skip
+        "constant_1d",
+        "square_wave_0_1d",
+        "square_wave_1d",
+        "square_wave_10d",
+        "rest_lengths_1d",
+        "push_1d",
+    ]
     found = {run.name: run for run in scenarios(model, thorough=True)}
     assert len(found) == 12 and {run.inputs.times[-1] for run in found.values()} == {5.0}
     assert {float(run.model.damping[0]) for run in found.values()} == {50.0, 500.0, 5000.0}
@@ -509,16 +514,19 @@ def test_two_scenes_of_one_name_are_refused(tmp_path, capsys, monkeypatch):
 def test_a_remark_names_what_was_compared_for_a_part_only():
     runs = scenarios(scene("two_bar"))
     assert [run.short for run in runs] == [
-        "constant at d", "square wave at d/10", "square wave at d", "square wave at 10 d", "rest lengths at d", "push at d"
-    ]  # fmt: skip
+        "constant at d",
+        "square wave at d/10",
+        "square wave at d",
+        "square wave at 10 d",
+        "rest lengths at d",
+        "push at d",
+    ]
 
     def validation(**until):
         whole = compare.Comparison(None, 1e-9, {}, 0, 0.0, (0, 0), 0, 0.0, (), 1.0, 5.0, 0)
         deviation = compare.Deviation(0.0, 0.0, 1.0, 0.0)
         whole = replace(whole, deviations=dict.fromkeys(OUTPUTS, deviation))
-        made = [
-            validate.Run(run, None, {}, whole, replace(whole, until=until.get(run.name, 5.0)), 1e-4, False) for run in runs
-        ]
+        made = [validate.Run(run, None, {}, whole, replace(whole, until=until.get(run.name, 5.0)), 1e-4, False) for run in runs]
         return validate.Validation(scene("two_bar"), "native", tuple(made))
 
     assert build_fmu.remark(validation()) == ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import fmpy
@@ -39,13 +39,17 @@ DRIVEN = {name: getattr(driven_scenes, name) for name in ("PENDULUM", "AFLOAT", 
 
 #: What an FMU may be asked to be: runtime, naming, simple types, sources.
 KINDS = [
-    *((runtime, naming, simple, False) for runtime in ("native", "python") for naming in ("structured", "flat")
-      for simple in (False, True)),
+    *(
+        (runtime, naming, simple, False)
+        for runtime in ("native", "python")
+        for naming in ("structured", "flat")
+        for simple in (False, True)
+    ),
     ("native", "structured", False, True),
-]  # fmt: skip
+]
 
 
-@lru_cache(maxsize=None)
+@cache
 def schema(name: str) -> etree.XMLSchema:
     return etree.XMLSchema(etree.parse(str(Path(fmpy.__file__).parent / "schema" / SCHEMAS[name])))
 
@@ -179,7 +183,9 @@ def test_derivatives_are_those_of_the_motion():
         kernel.step(0.01)
     before = kernel.values.copy()
     kernel.step(h)
-    pairs = [(r.reference, r.derivative_of) for r in variables(model) if r.causality == "output" and r.derivative_of is not None]
+    pairs = [
+        (r.reference, r.derivative_of) for r in variables(model) if r.causality == "output" and r.derivative_of is not None
+    ]
     assert len(pairs) > 15
     for rate, whole in pairs:
         mean = 0.5 * (before[rate] + kernel.values[rate])

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCAN 96     /* samples of dx/du on a falling stretch */
+#define SCAN 96      /* samples of dx/du on a falling stretch */
 #define NARROW 1e-10 /* branches that are none, of the length: less than TS_ENDED, so that beyond such a one is the next */
 
 ts_rise ts_branch_rise(ts_graph *g, const ts_branch *b)

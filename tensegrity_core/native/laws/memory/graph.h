@@ -22,8 +22,8 @@ typedef struct {
 typedef struct {
     int32_t state, kind, piece; /* -1: slack; of the piece; its number, -1: not reached */
     int32_t cause[2];
-    double x[2], u[2], T[2];    /* at its ends: elongation, the leader's own, m; force, N */
-    double *slack;              /* (n) elongations of the parts of a slack branch, m */
+    double x[2], u[2], T[2]; /* at its ends: elongation, the leader's own, m; force, N */
+    double *slack;           /* (n) elongations of the parts of a slack branch, m */
 } ts_branch;
 
 typedef struct {

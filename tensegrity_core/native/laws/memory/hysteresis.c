@@ -129,7 +129,8 @@ static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
                 g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? risen(part, at[i], T, g->v[i]) : g->u[i];
             sum += g->v[i];
         }
-        if (sum > x) high = T; else low = T;
+        if (sum > x) high = T;
+        else low = T;
     }
     return low;
 }
