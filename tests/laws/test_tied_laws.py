@@ -27,6 +27,15 @@ def test_beams_that_tie_to_round_off():
     check(NSH((1.0, 0.5, 0.5000000000000001), (3.0, 3.0, 3.0), (0.03125, 0.03125, 0.03125)))
 
 
+def test_a_follower_at_its_maximum():
+    """Stops that tie and, 1e-12 of the force above, a maximum: there the follower is softer than the leader of the rise."""
+    Q, low, high = [14.64952478898343, 9.40434054618254], 8.861776183391164, 8.861776183391282
+    zeta = [2.837691499471321, 7.369742738313393, 6.387594067552713, 3.6277594719439543, 6.916991270653321, 6.294031474475433]
+    zeta += [5.031281262691017, 3.833453979151656, 7.791734308774152, 6.503089877599897]
+    h = (0.012, 0.018, 0.049, 0.01, 0.009, 0.002, 0.0018, 0.027, 0.027, 0.0044)
+    assert check(NSH((low, high, high, Q[0], low, high, high, Q[1], high, high), tuple(zeta), h), (0.31, 0.77, 0.998)) > 50
+
+
 @pytest.mark.parametrize("seed", [216, 230])
 def test_rises_between_maxima_that_nearly_tie(seed):
     """Rises of 1e-9 of the force, at the end of which other parts' maxima tie with the leader's: there dx/du is round-off."""

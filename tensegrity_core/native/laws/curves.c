@@ -4,17 +4,13 @@
 #include "laws/elements.h"
 #include "laws/law.h"
 #include "laws/memory/hysteresis.h"
-#include "laws/nsh.h"
 #include "laws/series.h"
+
 #include "model/data.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* Beams up to which an NSH without memory has pieces of equal rows, which are quickest to look up; the folds of many beams lie so
- * close together that such rows take a time that nobody waits for, and rows that get shorter towards them do not. */
-#define MOST_EQUAL_ROWS 8
 
 /* Does the string's present state depend on its past? */
 int ts_has_memory(const ts_model *m, int i)
@@ -116,9 +112,7 @@ static const char *build(ts_sim *sim, int i)
     double k = sim->values[m->at[TS_STIFFNESS] + i];
     const double *beams = sim->values + m->beam_first[i], *Q = beams + m->at[TS_NSH_Q], *zeta = beams + m->at[TS_NSH_ZETA];
     const double *h = beams + m->at[TS_NSH_H];
-    if (m->beams[i] && (m->beam_law[i] || m->beams[i] > MOST_EQUAL_ROWS))
-        return series_of_beams(c, m->beams[i], Q, zeta, h, m->beam_law[i], k);
-    if (m->beams[i]) return ts_nsh_curve(c, m->beams[i], Q, zeta, h) ? NULL : "out of memory";
+    if (m->beams[i]) return series_of_beams(c, m->beams[i], Q, zeta, h, m->beam_law[i], k);
     return m->element[2 * i] >= 0 ? element_curve(c, m, i, k) : plain_curve(c);
 }
 

@@ -13,6 +13,7 @@
 
 #define MOST_OCTAVES 40
 #define MOST_EACH 64
+#define MOST_EVEN 256 /* equal rows of a piece: more are slow to fit, and seldom in the processor's cache */
 
 /* Coefficients in t = 0..1 of the polynomial through the Chebyshev points of [a, a + w] (Newton's divided differences). */
 static void fit_row(double (*force)(void *, double), void *law, double a, double w, double *coef)
@@ -131,9 +132,38 @@ static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double
     return NULL;
 }
 
+/* Equal rows, which are quickest to look up, if a piece takes no more than MOST_EVEN of them; else it stays graded.  The shortest
+ * rows are needed at its ends, so these come first: one that does not do is found soon. */
+static const char *fit_even(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
+{
+    for (p->rows = 1; p->rows <= MOST_EVEN; p->rows *= 2) {
+        double w = (p->hi - p->lo) / p->rows;
+        double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+        int done = 0;
+        if (!more) return "out of memory";
+        *table = more;
+        for (; done < p->rows; done++) {
+            int i = done == 0 ? p->rows - 1 : done - 1;
+            if (ts_fit_row(force, at, p->lo + i * w, w, more + TS_ROW * (*rows + i)) > error) break;
+        }
+        if (done < p->rows) continue;
+        p->kind = TS_ROWS;
+        p->first = *rows;
+        p->origin = p->lo;
+        p->scale = p->rows / (p->hi - p->lo);
+        *rows += p->rows;
+        break;
+    }
+    return NULL;
+}
+
 /* Fit rows to a piece whose kind, graded or with a fold, and ends are set. */
 const char *ts_fit_piece(ts_piece *p, double **table, int32_t *rows, double (*force)(void *, double), void *at, double error)
 {
+    if (p->kind == TS_GRADED) {
+        const char *reason = fit_even(p, table, rows, force, at, error);
+        if (reason || p->kind == TS_ROWS) return reason;
+    }
     return (p->kind == TS_GRADED ? fit_graded : fit_fold)(p, table, rows, force, at, error);
 }
 

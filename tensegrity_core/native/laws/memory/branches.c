@@ -19,7 +19,12 @@ ts_rise ts_branch_rise(ts_graph *g, const ts_branch *b)
 {
     const ts_state *s = g->states + b->state;
     int fold = b->kind == TS_FOLD_ABOVE ? 1 : -1;
-    return MAKE(ts_rise){g->part, s->at, g->on_rise, b->u[0], b->u[1], 1.0 / g->k, fold, g->n, s->leader};
+    ts_rise r = ts_rise_of(g->part, g->n, s->at, s->leader, g->on_rise);
+    r.lo = b->u[0];
+    r.hi = b->u[1];
+    r.compliance = 1.0 / g->k;
+    r.fold = fold;
+    return r;
 }
 
 double ts_parts_total(const ts_graph *g, const double *u)
@@ -205,7 +210,9 @@ static void explore_falling(ts_graph *g, int32_t index)
         add_falling(g, all, a, TS_BOUND, b, TS_ENDLESS);
         return;
     }
-    ts_rise r = {g->part, s->at, g->on_rise, a, b, 1.0 / g->k, 0, g->n, s->leader};
+    all.u[0] = a;
+    all.u[1] = b;
+    ts_rise r = ts_branch_rise(g, &all);
     for (int i = 0; i <= SCAN; i++) {
         double t = fmin(fmax((double)i / SCAN, 0.003), 0.997), u = a + (b - a) * t * t * (3.0 - 2.0 * t);
         double now = stability(&r, u);

@@ -3,7 +3,7 @@
 #define TENSEGRITY_BRANCHES_H
 
 #include "laws/memory/graph.h"
-#include "laws/series.h"
+#include "laws/rise.h"
 
 #include <stdint.h>
 

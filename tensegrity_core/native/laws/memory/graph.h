@@ -4,6 +4,7 @@
 #define TENSEGRITY_GRAPH_H
 
 #include "laws/law.h"
+#include "laws/rise.h"
 #include "model/force_curve.h"
 
 #include <stdint.h>
@@ -38,6 +39,7 @@ typedef struct {
     double *u, *v;          /* (n) parts' elongations at the end of a branch, on the way of a snap, m */
     double *on_rise, *work; /* (n), (8, n) */
     int32_t *next;          /* (3, n) */
+    ts_mover *mover;        /* (n) */
     int snapped;            /* the last branch that was followed ended in a snap, its end in v */
     const char *reason;
 } ts_graph;

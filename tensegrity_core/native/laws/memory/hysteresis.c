@@ -11,7 +11,7 @@
 #include "laws/memory/branches.h"
 #include "laws/memory/flow.h"
 #include "laws/memory/graph.h"
-#include "laws/series.h"
+#include "laws/rise.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -323,6 +323,8 @@ static void make_piece(ts_graph *g, ts_piece *p, ts_branch *b)
     p->energy = start;
     if (b->kind == TS_SLACK || b->kind == TS_STRAIGHT) return;
     ts_rise r = ts_branch_rise(g, b);
+    r.mover = g->mover;
+    ts_rise_gather(&r);
     int fold = b->kind == TS_FOLD_ABOVE ? 1 : b->kind == TS_FOLD_BELOW ? -1 : 0;
     double compliance = ts_rise_straight(&r), width = fmax(b->x[0], 1e-3);
     const char *reason;
@@ -365,6 +367,7 @@ static void free_graph(ts_graph *g)
     free(g->reached);
     free(g->work);
     free(g->next);
+    free(g->mover);
 }
 
 /* The curve of n parts in series with memory; a reason why there is none, or NULL. */
@@ -381,7 +384,8 @@ const char *ts_hysteresis(ts_curve *c, const ts_law *part, int n, double stiffne
     g.reached = (int32_t *)malloc(sizeof *g.reached * TS_MOST_PIECES);
     g.work = (double *)calloc(11 * (size_t)n, sizeof *g.work);
     g.next = (int32_t *)calloc(3 * (size_t)n, sizeof *g.next);
-    if (!g.reached || !g.work || !g.next) g.reason = "out of memory";
+    g.mover = (ts_mover *)calloc((size_t)n, sizeof *g.mover);
+    if (!g.reached || !g.work || !g.next || !g.mover) g.reason = "out of memory";
     else g.u = g.work + 8 * n, g.v = g.u + n, g.on_rise = g.v + n;
     if (!(stiffness > 0.0)) g.reason = "the stiffness of a hysteretic string must be positive";
     for (int j = 0; j < n; j++) {
