@@ -73,7 +73,7 @@ static const char *series_of_beams(ts_curve *c, int n, const double *Q, const do
         double energy = 0.0;
         ts_law_beam(part + j, Q[j], zeta[j], h[j]);
         reason = part[j].reason;
-        for (int i = 0; i < part[j].n; i++) energy = ts_piece_integrate(&part[j].s[i].p, part[j].table, energy);
+        for (int i = 0; i < part[j].n; i++) energy = ts_piece_integrate(&part[j].piece[i].p, part[j].table, energy);
     }
     if (!reason && memory) reason = ts_hysteresis(c, part, n, stiffness);
     if (!reason && !memory) reason = ts_series(&law, part, n);

@@ -139,10 +139,10 @@ static void compile_parts(ts_law *law, program *p, int kind, int depth)
     free_parts(part, n);
 }
 
-/* A polynomial or table counts as snapped from its first falling stretch on. */
+/* A polynomial or table counts as snapped from its first falling piece on. */
 static void count_snaps(ts_law *law)
 {
-    for (int i = 0, falls = 0; i < law->n; i++) law->s[i].p.snapped = falls |= law->s[i].way < 0;
+    for (int i = 0, falls = 0; i < law->n; i++) law->piece[i].p.snapped = falls |= law->piece[i].way < 0;
 }
 
 static int all_positive(const double *v, int n)
@@ -184,7 +184,7 @@ static void compile(ts_law *law, program *p, int depth)
     if (kind == TS_ELEMENT_POLYNOMIAL || kind == TS_ELEMENT_TABLE) count_snaps(law);
     double energy = 0.0;
     for (int i = 0; i < law->n && !law->reason; i++) {
-        const ts_piece *piece = &law->s[i].p;
+        const ts_piece *piece = &law->piece[i].p;
         ts_piece_integrate(piece, law->table, energy);
         if (i + 1 < law->n) energy = ts_piece_energy(piece, law->table, INFINITY, piece->hi, 0.0);
     }

@@ -1,4 +1,4 @@
-/* A law's stretches: how they come about, force, energy and inverse on them, and the curve that they make.
+/* A law's pieces: how they come about, force, energy and inverse on them, and the curve that they make.
  *
  * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in
  * series (series.c), holds polynomials through its exact values, as far apart as TS_FIT_ERROR allows. */
@@ -11,28 +11,28 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define WIDE 1024.0 /* m, subinterval of exact stretches without end: a power of two changes no digits */
+#define WIDE 1024.0 /* m, subinterval of exact pieces without end: a power of two changes no digits */
 
 void ts_law_free(ts_law *law)
 {
-    free(law->s);
+    free(law->piece);
     free(law->table);
     memset(law, 0, sizeof *law);
 }
 
-/* Append a stretch; its rows are those at the table's end. */
-void ts_law_append(ts_law *law, ts_stretch stretch)
+/* Append a piece; its rows are those at the table's end. */
+void ts_law_append(ts_law *law, ts_law_piece piece)
 {
-    ts_stretch *s = (ts_stretch *)realloc(law->s, sizeof *s * ((size_t)law->n + 1));
+    ts_law_piece *s = (ts_law_piece *)realloc(law->piece, sizeof *s * ((size_t)law->n + 1));
     if (!s) {
         law->reason = "out of memory";
         return;
     }
-    law->s = s;
-    s[law->n++] = stretch;
+    law->piece = s;
+    s[law->n++] = piece;
 }
 
-/* Append a stretch whose force is sum c_k (u - lo)^k, k = 0..TS_DEGREE; it is monotone there. */
+/* Append a piece whose force is sum c_k (u - lo)^k, k = 0..TS_DEGREE; it is monotone there. */
 void ts_law_append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped,
                               int smooth)
 {
@@ -50,10 +50,10 @@ void ts_law_append_polynomial(ts_law *law, double lo, double hi, const double *c
     p.first = law->rows++;
     p.origin = lo;
     p.scale = 1.0 / w;
-    ts_law_append(law, MAKE(ts_stretch){p, {c[0], way ? end_force : c[0]}, way, smooth});
+    ts_law_append(law, MAKE(ts_law_piece){p, {c[0], way ? end_force : c[0]}, way, smooth});
 }
 
-/* Append sum c_k (u - lo)^k on [lo, hi], cut at its extrema.  start: the force at lo; smooth: of the first stretch. */
+/* Append sum c_k (u - lo)^k on [lo, hi], cut at its extrema.  start: the force at lo; smooth: of the first piece. */
 void ts_law_append_cut(ts_law *law, double lo, double hi, const double *c, double start, int snapped, int smooth)
 {
     double slope[TS_DEGREE + 1], turns[TS_DEGREE + 2], here[TS_DEGREE + 1], next[TS_DEGREE + 1], at = 0.0;
@@ -77,15 +77,15 @@ void ts_law_append_cut(ts_law *law, double lo, double hi, const double *c, doubl
     }
 }
 
-double ts_law_stop(const ts_law *law) { return law->s[law->n - 1].p.hi; }
+double ts_law_stop(const ts_law *law) { return law->piece[law->n - 1].p.hi; }
 
-/* Largest force at the ends of its stretches, N. */
+/* Largest force at the ends of its pieces, N. */
 double ts_law_largest(const ts_law *law)
 {
     double most = 0.0;
     for (int i = 0; i < law->n; i++)
         for (int end = 0; end < 2; end++)
-            if (fabs(law->s[i].force[end]) < INFINITY) most = fmax(most, fabs(law->s[i].force[end]));
+            if (fabs(law->piece[i].force[end]) < INFINITY) most = fmax(most, fabs(law->piece[i].force[end]));
     return most;
 }
 
@@ -93,44 +93,44 @@ double ts_law_largest(const ts_law *law)
 int ts_law_at(const ts_law *law, double u)
 {
     int i = 0;
-    while (i < law->n - 1 && u > law->s[i].p.hi) i++;
+    while (i < law->n - 1 && u > law->piece[i].p.hi) i++;
     return i;
 }
 
-int ts_law_snapped(const ts_law *law, int stretch) { return law->s[stretch < law->n ? stretch : law->n - 1].p.snapped; }
+int ts_law_snapped(const ts_law *law, int piece) { return law->piece[piece < law->n ? piece : law->n - 1].p.snapped; }
 
-double ts_law_force(const ts_law *law, int stretch, double u, double *slope)
+double ts_law_force(const ts_law *law, int piece, double u, double *slope)
 {
-    return ts_piece_force(&law->s[stretch].p, law->table, INFINITY, u, 0.0, slope);
+    return ts_piece_force(&law->piece[piece].p, law->table, INFINITY, u, 0.0, slope);
 }
 
-double ts_law_energy(const ts_law *law, int stretch, double u)
+double ts_law_energy(const ts_law *law, int piece, double u)
 {
-    return ts_piece_energy(&law->s[stretch < law->n ? stretch : law->n - 1].p, law->table, INFINITY, u, 0.0);
+    return ts_piece_energy(&law->piece[piece < law->n ? piece : law->n - 1].p, law->table, INFINITY, u, 0.0);
 }
 
-/* A force this near that of an end is one with it, N: TS_TIE of the largest force on the stretch, since a minimum that is small
+/* A force this near that of an end is one with it, N: TS_TIE of the largest force on the piece, since a minimum that is small
  * beside it has the round-off of the whole. */
-double ts_stretch_tie(const ts_stretch *s)
+double ts_law_tie(const ts_law_piece *s)
 {
     return TS_TIE * fmax(fabs(s->force[0]), s->force[1] < INFINITY ? fabs(s->force[1]) : 0.0);
 }
 
-/* Elongation on a stretch where it bears f: Newton inside a shrinking bracket. */
-double ts_law_inverse(const ts_law *law, int stretch, double f, double guess)
+/* Elongation on a piece where it bears f: Newton inside a shrinking bracket. */
+double ts_law_inverse(const ts_law *law, int piece, double f, double guess)
 {
-    const ts_stretch *s = law->s + stretch;
+    const ts_law_piece *s = law->piece + piece;
     double a = s->p.lo, b = s->p.hi, way = s->way, slope;
     if (way * (f - s->force[0]) <= 0.0) return a; /* extrema are met exactly */
     if (f == s->force[1] || way * (f - s->force[1]) >= 0.0) return b;
     if (!(b < INFINITY)) {
         double w = 1.0 / s->p.scale;
         if (s->p.kind == TS_ROWS) w = 1e-3;
-        for (b = a + w; way * (ts_law_force(law, stretch, b, &slope) - f) < 0.0; w *= 2.0) b = a + 2.0 * w;
+        for (b = a + w; way * (ts_law_force(law, piece, b, &slope) - f) < 0.0; w *= 2.0) b = a + 2.0 * w;
     }
     double u = guess > a && guess < b ? guess : 0.5 * (a + b);
     for (int n = 0; n < 200; n++) {
-        double r = way * (ts_law_force(law, stretch, u, &slope) - f);
+        double r = way * (ts_law_force(law, piece, u, &slope) - f);
         if (r == 0.0) return u;
         if (r > 0.0) b = u;
         else a = u;
@@ -151,7 +151,7 @@ static void rescale(ts_piece *p, double *table)
     p->scale = 1.0 / (p->hi - p->lo);
 }
 
-/* The curve of a law: stretches that go on with the same polynomial make one piece.  A reason why not, or NULL. */
+/* The curve of a law: pieces that go on with the same polynomial make one of the curve's.  A reason why not, or NULL. */
 const char *ts_law_curve(ts_curve *c, const ts_law *law)
 {
     size_t bytes = sizeof(double) * TS_ROW * (size_t)law->rows;
@@ -165,7 +165,7 @@ const char *ts_law_curve(ts_curve *c, const ts_law *law)
     memcpy(c->table, law->table, bytes);
     c->piece[c->pieces++] = ts_piece_of(TS_SLACK, -INFINITY, 0.0, 0);
     for (int i = 0; i < law->n; i++) {
-        const ts_stretch *s = law->s + i;
+        const ts_law_piece *s = law->piece + i;
         ts_piece *last = c->piece + c->pieces - 1;
         if (i && s->smooth && s->p.snapped == last->snapped) last->hi = s->p.hi;
         else c->piece[c->pieces++] = s->p;

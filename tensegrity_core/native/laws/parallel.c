@@ -59,10 +59,11 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
     double turns[SAMPLES + 1], from = lo, slope;
     int n = turns_of(s, lo, hi, turns);
     for (int i = 0; i <= n && !law->reason; i++) {
-        double to = i < n ? lo + turns[i] : hi, start = law->n ? law->s[law->n - 1].force[1] : 0.0, end = sum_of(s, to, &slope);
+        double to = i < n ? lo + turns[i] : hi, start = law->n ? law->piece[law->n - 1].force[1] : 0.0,
+               end = sum_of(s, to, &slope);
         ts_piece p = ts_piece_of(TS_GRADED, from, to, snapped);
         law->reason = ts_fit_piece(&p, &law->table, &law->rows, sum_force, s, TS_FIT_ERROR * size);
-        ts_law_append(law, MAKE(ts_stretch){p, {start, end}, ts_sign(end - start), 0});
+        ts_law_append(law, MAKE(ts_law_piece){p, {start, end}, ts_sign(end - start), 0});
         from = to;
     }
 }
@@ -70,20 +71,20 @@ static void append_sum(ts_law *law, sum *s, double lo, double hi, int snapped, d
 /* Append the sum from lo on, monotone and without end. */
 static void append_open_sum(ts_law *law, sum *s, double lo, int snapped, double size)
 {
-    double slope, force = law->n ? law->s[law->n - 1].force[1] : 0.0, beyond;
+    double slope, force = law->n ? law->piece[law->n - 1].force[1] : 0.0, beyond;
     sum_of(s, lo, &slope);
     ts_piece p = ts_piece_of(TS_OPEN, lo, INFINITY, snapped);
     sum_of(s, 2.0 * lo + 1e-3, &beyond);
     if (slope * beyond < 0.0) law->reason = "parts in parallel have an extremum where one of them is a series without end";
     else law->reason = ts_fit_open(&p, &law->table, &law->rows, sum_force, s, fmax(lo, 1e-3), size);
-    ts_law_append(law, MAKE(ts_stretch){p, {force, beyond * INFINITY}, ts_sign(beyond), 0});
+    ts_law_append(law, MAKE(ts_law_piece){p, {force, beyond * INFINITY}, ts_sign(beyond), 0});
 }
 
-/* Is the law one polynomial on each of the stretches? */
+/* Is the law one polynomial on each of the pieces? */
 static int exact(const sum *s)
 {
     for (int j = 0; j < s->n; j++)
-        if (s->part[j].s[s->at[j]].p.rows != 1 || s->part[j].s[s->at[j]].p.kind != TS_ROWS) return 0;
+        if (s->part[j].piece[s->at[j]].p.rows != 1 || s->part[j].piece[s->at[j]].p.kind != TS_ROWS) return 0;
     return 1;
 }
 
@@ -91,16 +92,16 @@ static void append_exact_sum(ts_law *law, const sum *s, double lo, double hi, in
 {
     double total[TS_DEGREE + 1] = {0.0};
     for (int j = 0; j < s->n; j++) {
-        const ts_piece *p = &s->part[j].s[s->at[j]].p;
+        const ts_piece *p = &s->part[j].piece[s->at[j]].p;
         double c[TS_DEGREE + 1], here[TS_DEGREE + 1], power = 1.0;
         for (int k = 0; k <= TS_DEGREE; k++, power *= p->scale) c[k] = s->part[j].table[TS_ROW * p->first + 1 + k] * power;
         ts_shift_polynomial(c, lo - p->lo, here);
         for (int k = 0; k <= TS_DEGREE; k++) total[k] += here[k];
     }
-    ts_law_append_cut(law, lo, hi, total, law->n ? law->s[law->n - 1].force[1] : 0.0, snapped, smooth);
+    ts_law_append_cut(law, lo, hi, total, law->n ? law->piece[law->n - 1].force[1] : 0.0, snapped, smooth);
 }
 
-/* Parts in parallel: on the united stretches, up to the first stop. */
+/* Parts in parallel: on the united pieces, up to the first stop. */
 void ts_parallel(ts_law *law, const ts_law *part, int n)
 {
     int32_t *at = (int32_t *)calloc((size_t)n, sizeof *at);
@@ -113,17 +114,17 @@ void ts_parallel(ts_law *law, const ts_law *part, int n)
         double hi = INFINITY;
         int snapped = 0, joins = 1, over = 0;
         for (int j = 0; j < n; j++) {
-            hi = fmin(hi, part[j].s[at[j]].p.hi);
-            snapped += part[j].s[at[j]].p.snapped;
+            hi = fmin(hi, part[j].piece[at[j]].p.hi);
+            snapped += part[j].piece[at[j]].p.snapped;
         }
         if (exact(&s)) append_exact_sum(law, &s, lo, hi, snapped, smooth);
         else if (hi < INFINITY) append_sum(law, &s, lo, hi, snapped, size);
         else append_open_sum(law, &s, lo, snapped, size);
         if (!(hi < INFINITY)) break;
         for (int j = 0; j < n; j++) {
-            if (part[j].s[at[j]].p.hi > hi) continue;
+            if (part[j].piece[at[j]].p.hi > hi) continue;
             if (++at[j] == part[j].n) over = 1;
-            else joins = joins && part[j].s[at[j]].smooth;
+            else joins = joins && part[j].piece[at[j]].smooth;
         }
         if (over) break;
         lo = hi;

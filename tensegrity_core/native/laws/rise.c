@@ -1,4 +1,4 @@
-/* Parts in series on given stretches: forces are equal, elongations add up.
+/* Parts in series on given pieces: forces are equal, elongations add up.
  *
  * The leader's own elongation parametrises a rise, smoothly even where the leader's force has its maximum.  The force at an
  * elongation is found for all parts at once, from where they were found last; where that does not settle, which is next to
@@ -11,7 +11,7 @@
 
 #define STILL 4e-16  /* a step of Newton's method shorter than this part of u is none */
 #define MET 4e-15    /* elongations that are equal, as a part of them: a sum's round-off */
-#define SETTLED 1e-9 /* last step of a part, of its stretch: the force is off by the square of it */
+#define SETTLED 1e-9 /* last step of a part, of its piece: the force is off by the square of it */
 #define MOST_ROUNDS 12
 
 /* --- all parts at once -------------------------------------------------------------------------------------------- */
@@ -20,13 +20,13 @@ static int equal_laws(const ts_law *a, const ts_law *b)
 {
     if (a->n != b->n || a->rows != b->rows) return 0;
     for (int i = 0; i < a->n; i++) {
-        const ts_piece *p = &a->s[i].p, *q = &b->s[i].p;
+        const ts_piece *p = &a->piece[i].p, *q = &b->piece[i].p;
         if (p->kind != q->kind || p->first != q->first || p->lo != q->lo || p->hi != q->hi || p->scale != q->scale) return 0;
     }
     return !memcmp(a->table, b->table, sizeof(double) * TS_ROW * (size_t)a->rows);
 }
 
-/* Parts on given stretches; no spring, no fold, the leader's range not yet known. */
+/* Parts on given pieces; no spring, no fold, the leader's range not yet known. */
 ts_rise ts_rise_of(const ts_law *part, int n, const int32_t *at, int leader, double *u)
 {
     ts_rise r;
@@ -39,9 +39,9 @@ ts_rise ts_rise_of(const ts_law *part, int n, const int32_t *at, int leader, dou
     return r;
 }
 
-static int32_t degree_of(const ts_law *law, int stretch)
+static int32_t degree_of(const ts_law *law, int piece)
 {
-    const ts_piece *p = &law->s[stretch].p;
+    const ts_piece *p = &law->piece[piece].p;
     const double *coef = law->table + TS_ROW * p->first + 1;
     int32_t degree = TS_DEGREE;
     if (p->kind != TS_ROWS || p->rows != 1) return -1;
@@ -53,7 +53,7 @@ static void gather(ts_rise *r, int j)
 {
     for (int i = 0; i < r->movers; i++) {
         ts_mover *m = r->mover + i;
-        if (m->stretch != r->at[j] || !equal_laws(m->part, r->part + j)) continue;
+        if (m->piece != r->at[j] || !equal_laws(m->part, r->part + j)) continue;
         m->count++;
         return;
     }
@@ -74,8 +74,8 @@ void ts_rise_gather(ts_rise *r)
 
 static double mover_force(const ts_mover *m, double u, double *slope)
 {
-    if (m->degree < 0) return ts_law_force(m->part, m->stretch, u, slope);
-    const ts_piece *p = &m->part->s[m->stretch].p;
+    if (m->degree < 0) return ts_law_force(m->part, m->piece, u, slope);
+    const ts_piece *p = &m->part->piece[m->piece].p;
     const double *coef = m->part->table + TS_ROW * p->first + 1;
     double t = (u - p->origin) * p->scale, f = coef[m->degree], d = 0.0;
     for (int i = m->degree - 1; i >= 0; i--) {
@@ -124,7 +124,7 @@ static double newton_step(ts_rise *r, double x, int *settled)
     for (int n = 1; n <= r->movers; n++) { /* the softest comes last */
         int i = (soft + n) % r->movers;
         const ts_mover *m = r->mover + i;
-        const ts_piece *p = &m->part->s[m->stretch].p;
+        const ts_piece *p = &m->part->piece[m->piece].p;
         double u = r->u[m->first], step = i == soft ? left / m->count : (f - m->force) / m->slope;
         r->u[m->first] = i ? step_within(u, step, p->lo, p->hi, settled) : step_within(u, step, r->lo, r->hi, settled);
         left -= m->count * (r->u[m->first] - u);
@@ -156,13 +156,13 @@ double ts_rise_elongation(ts_rise *r, double u, double *force, double *slope)
     return x;
 }
 
-/* Where to look next in the bracket a..b when the residual at u is `gap`, the one before it was `last`, and Newton's method
+/* Where to look next in the bracket a..b when the residual at u is `residual`, the one before it was `last`, and Newton's method
  * divides by `slope`; u: that was the last step.  Where other parts stand at maxima that tie with the leader's, the slope is
- * round-off, and may be huge: steps that do not halve the gap, and one of nothing where the gap is not nothing, say nothing. */
-static double look_next(double u, double a, double b, double gap, double last, double slope, int met)
+ * round-off, and may be huge: steps that do not halve it, and one of nothing where it is not nothing, say nothing. */
+static double look_next(double u, double a, double b, double residual, double last, double slope, int met)
 {
-    double next = u - gap / slope, middle = 0.5 * (a + b);
-    if (!(next > a && next < b) || fabs(gap) > 0.5 * fabs(last)) next = middle;
+    double next = u - residual / slope, middle = 0.5 * (a + b);
+    if (!(next > a && next < b) || fabs(residual) > 0.5 * fabs(last)) next = middle;
     if (fabs(next - u) > STILL * fabs(u)) return next;
     return met || !(b - a > 2.0 * STILL * fabs(u)) ? u : middle;
 }
@@ -244,7 +244,7 @@ double ts_rise_straight(const ts_rise *r)
     double sum = r->compliance;
     for (int j = 0; j < r->n; j++) {
         if (r->at[j] >= r->part[j].n) continue;
-        const ts_piece *p = &r->part[j].s[r->at[j]].p;
+        const ts_piece *p = &r->part[j].piece[r->at[j]].p;
         const double *row = r->part[j].table + TS_ROW * p->first;
         if (p->kind != TS_ROWS || p->rows != 1) return 0.0;
         for (int k = 2; k <= TS_DEGREE; k++)

@@ -1,4 +1,4 @@
-/* A rise: parts in series, each on a monotone stretch of its law or at its stop. */
+/* A rise: parts in series, each on a monotone piece of its law or at its stop. */
 #ifndef TENSEGRITY_RISE_H
 #define TENSEGRITY_RISE_H
 
@@ -6,15 +6,15 @@
 
 #include <stdint.h>
 
-/* Equal parts on the same stretch, which move alike. */
+/* Equal parts on the same piece, which move alike. */
 typedef struct {
     const ts_law *part;
-    int32_t first, count, stretch; /* the first of them; how many there are */
-    int32_t degree;                /* of the only polynomial on the stretch; -1: there are several */
-    double force, slope;           /* N, N/m, as last found */
+    int32_t first, count, piece; /* the first of them; how many there are */
+    int32_t degree;              /* of the only polynomial on the piece; -1: there are several */
+    double force, slope;         /* N, N/m, as last found */
 } ts_mover;
 
-/* Parts in series, each on a stretch of its law or, where at[j] is their number, at its stop.  One part, the leader, moves
+/* Parts in series, each on a piece of its law or, where at[j] is their number, at its stop.  One part, the leader, moves
  * one way as the elongation grows, and all else follows from its own elongation. */
 typedef struct {
     const ts_law *part;

@@ -15,7 +15,7 @@
 typedef struct {
     ts_law *law;
     const ts_law *part;
-    int32_t *at;     /* (n) stretch of each part; its number of stretches: at its stop */
+    int32_t *at;     /* (n) piece of each part; its number of pieces: at its stop */
     double *u;       /* (n) */
     ts_mover *mover; /* (n) */
     double x, force, size;
@@ -40,7 +40,7 @@ static void append_rise(climb *c, ts_rise *r, double end, double top)
     else if (end < INFINITY) reason = ts_fit_piece(&p, &law->table, &law->rows, ts_rise_force, r, TS_FIT_ERROR * c->size);
     else reason = ts_fit_open(&p, &law->table, &law->rows, ts_rise_force, r, w, c->size);
     if (reason) law->reason = reason;
-    else ts_law_append(law, MAKE(ts_stretch){p, {c->force, top}, 1, 0});
+    else ts_law_append(law, MAKE(ts_law_piece){p, {c->force, top}, 1, 0});
 }
 
 /* Elongation where part j, rising, stands under the force `top` at the end of a rise: at its own end where that ties. */
@@ -48,11 +48,11 @@ static double stands(const climb *c, int j, double top)
 {
     const ts_law *part = c->part + j;
     if (c->at[j] >= part->n) return ts_law_stop(part);
-    const ts_stretch *s = part->s + c->at[j];
+    const ts_law_piece *s = part->piece + c->at[j];
     return s->force[1] <= top * (1.0 + TS_TIE) ? s->p.hi : ts_law_inverse(part, c->at[j], top, c->u[j]);
 }
 
-/* All parts on their rising stretches up to `top`, the leader's force at its end. */
+/* All parts on their rising pieces up to `top`, the leader's force at its end. */
 static void rise_to(climb *c, int leader, double top)
 {
     const ts_law *lead = c->part + leader;
@@ -75,13 +75,13 @@ static void rise_to(climb *c, int leader, double top)
 static void snap(climb *c, int j)
 {
     const ts_law *part = c->part + j;
-    double start = part->s[c->at[j]].p.hi;
+    double start = part->piece[c->at[j]].p.hi;
     for (int i = c->at[j] + 1;; i++) {
         if (i == part->n) {
             c->law->reason = "a part of a series never bears again the force of its maximum";
             return;
         }
-        const ts_stretch *s = part->s + i;
+        const ts_law_piece *s = part->piece + i;
         int done = s->way > 0 && s->force[1] >= c->force * (1.0 - TS_TIE);
         ts_piece p = s->p;
         int at_end = !done || s->force[1] <= c->force * (1.0 + TS_TIE); /* of a next maximum that ties */
@@ -107,29 +107,29 @@ static void snap(climb *c, int j)
         p.origin = p.lo + (s->p.origin - s->p.lo);
         int smooth = s->smooth && s->p.lo > start;
         if (p.hi > p.lo)
-            ts_law_append(c->law, MAKE(ts_stretch){p, {s->force[0], done ? c->force : s->force[1]}, s->way, smooth});
+            ts_law_append(c->law, MAKE(ts_law_piece){p, {s->force[0], done ? c->force : s->force[1]}, s->way, smooth});
         c->u[j] = end;
         if (done) return;
     }
 }
 
-/* The part that reaches the end of its stretch first; -1: all are at their stops. */
+/* The part that reaches the end of its piece first; -1: all are at their stops. */
 static int first_to_end(const climb *c)
 {
     int first = -1;
     for (int j = 0; j < c->n; j++) {
         if (c->at[j] >= c->part[j].n) continue;
-        if (first < 0 || c->part[j].s[c->at[j]].force[1] < c->part[first].s[c->at[first]].force[1]) first = j;
+        if (first < 0 || c->part[j].piece[c->at[j]].force[1] < c->part[first].piece[c->at[first]].force[1]) first = j;
     }
     return first;
 }
 
-/* Does a part that stands at the end of its stretch go on rising, or stop there? */
+/* Does a part that stands at the end of its piece go on rising, or stop there? */
 static int goes_on(const climb *c, int j)
 {
     const ts_law *part = c->part + j;
     int next = c->at[j] + 1;
-    return next == part->n || part->s[next].way > 0;
+    return next == part->n || part->piece[next].way > 0;
 }
 
 /* Single-valued series of parts; a reason why there is none, or NULL. */
@@ -146,16 +146,16 @@ const char *ts_series(ts_law *law, const ts_law *part, int n)
     if (!c.at || !c.u || !c.mover) law->reason = "out of memory";
     for (int j = 0; j < n && !law->reason; j++) {
         c.size = fmax(c.size, ts_law_largest(part + j));
-        if (part[j].s[0].way <= 0) law->reason = "the force of a part of a series does not rise from 0";
+        if (part[j].piece[0].way <= 0) law->reason = "the force of a part of a series does not rise from 0";
     }
     while (!law->reason) {
         int leader = first_to_end(&c), next = -1;
         if (leader < 0) break;
-        double top = part[leader].s[c.at[leader]].force[1];
+        double top = part[leader].piece[c.at[leader]].force[1];
         if (top > c.force * (1.0 + TS_TIE) || c.x == 0.0) rise_to(&c, leader, top);
         if (law->reason || !(top < INFINITY)) break;
         for (int j = 0; j < n; j++) {
-            if (c.at[j] >= part[j].n || part[j].s[c.at[j]].force[1] > c.force * (1.0 + TS_TIE)) continue;
+            if (c.at[j] >= part[j].n || part[j].piece[c.at[j]].force[1] > c.force * (1.0 + TS_TIE)) continue;
             if (goes_on(&c, j)) c.at[j]++;
             else if (next < 0) next = j;
         }

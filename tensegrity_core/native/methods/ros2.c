@@ -43,7 +43,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     for (int i = 0; i < n; i++) U[i] = sim->f0[i];
     ts_stage_solve(sim, a, U);
     add_stages(sim->y, A[robust], 1, U, stride, 1.0, n, sim->ytmp);
-    ts_project(sim, sim->ytmp); /* else it would see strings stretched by the square of the step */
+    ts_project(sim, sim->ytmp); /* else it would see strings longer by the square of the step */
     ts_rhs(sim, tau + ALPHA * h, sim->ytmp, sim->f1);
     add_stages(sim->f1, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
     ts_stage_solve(sim, a, U + stride);

@@ -108,24 +108,24 @@ struct ts_sim {
     int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
 
     /* of the last right-hand side: what it found about the strings */
-    double *x;                        /* (N, 2, D) node positions and velocities, m, m/s */
-    double *s, *sd;                   /* (D, lanes) string vectors and, behind them, their rates, m, m/s */
-    double *over;                     /* (lanes) 1/length, 1/m */
-    double *gap, *gap_rate;           /* (lanes) elongation and its rate, m, m/s */
-    double *fs, *fd;                  /* (lanes) elastic and damping tension, N */
-    double *node_force;               /* (N, D) N */
-    double *gap_low, *gap_high;       /* (lanes) extremes of the elongation since the attempt began, m */
-    int32_t *sign_changed;            /* (S) tension_only: a stage saw the tension with the other sign */
+    double *x;                                /* (N, 2, D) node positions and velocities, m, m/s */
+    double *s, *sd;                           /* (D, lanes) string vectors and, behind them, their rates, m, m/s */
+    double *per_length;                       /* (lanes) 1/length, 1/m */
+    double *elongation, *elongation_rate;     /* (lanes) elongation and its rate, m, m/s */
+    double *fs, *fd;                          /* (lanes) elastic and damping tension, N */
+    double *node_force;                       /* (N, D) N */
+    double *elongation_low, *elongation_high; /* (lanes) extremes of the elongation since the attempt began, m */
+    int32_t *sign_changed;                    /* (S) tension_only: a stage saw the tension with the other sign */
     double *margin_low, *margin_high; /* (S) tension_only: extremes of the tension at the stages, minus it where clipped, N */
 
     /* workspace */
-    double *gap0, *rate0;    /* (S) at the start of a step */
-    double *f0, *ytmp, *err; /* (stride) */
-    double *k;               /* (16, stride) stages */
-    double *ahead;           /* what an open step needs, in one piece: */
-    double *cont;            /*   (8, stride) dense output; row 0: the state at the step's start */
-    double *y1, *f1;         /*   (stride) its end, and the derivative there */
-    double *gap1, *rate1;    /*   (lanes) */
+    double *elongation0, *rate0; /* (S) at the start of a step */
+    double *f0, *ytmp, *err;     /* (stride) */
+    double *k;                   /* (16, stride) stages */
+    double *ahead;               /* what an open step needs, in one piece: */
+    double *cont;                /*   (8, stride) dense output; row 0: the state at the step's start */
+    double *y1, *f1;             /*   (stride) its end, and the derivative there */
+    double *elongation1, *rate1; /*   (lanes) */
     double *ahead_backup;
     size_t ahead_size;      /* numbers */
     ts_pattern pattern;     /* of the Jacobian's blocks */

@@ -99,10 +99,11 @@ static void lay_out_arena(ts_sim *sim, arena *a)
     TAKE(sim->margin_low, S), TAKE(sim->margin_high, S);
     TAKE(sim->rest, lanes), TAKE(sim->rest_rate, lanes), TAKE(sim->rest_bend, lanes), TAKE(sim->rest_jerk, lanes);
     TAKE(sim->rest_now, lanes), TAKE(sim->rest_rate_now, lanes), TAKE(sim->k_on, lanes), TAKE(sim->d_on, lanes);
-    TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * (size_t)D * lanes), TAKE(sim->over, lanes);
-    TAKE(sim->gap, lanes), TAKE(sim->gap_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);
-    TAKE(sim->gap_low, lanes), TAKE(sim->gap_high, lanes), TAKE(sim->node_force, N * D);
-    TAKE(sim->gap0, lanes), TAKE(sim->rate0, lanes), TAKE(sim->f0, stride), TAKE(sim->ytmp, stride), TAKE(sim->err, stride);
+    TAKE(sim->x, 2 * N * D), TAKE(sim->s, 2 * (size_t)D * lanes), TAKE(sim->per_length, lanes);
+    TAKE(sim->elongation, lanes), TAKE(sim->elongation_rate, lanes), TAKE(sim->fs, lanes), TAKE(sim->fd, lanes);
+    TAKE(sim->elongation_low, lanes), TAKE(sim->elongation_high, lanes), TAKE(sim->node_force, N * D);
+    TAKE(sim->elongation0, lanes), TAKE(sim->rate0, lanes), TAKE(sim->f0, stride), TAKE(sim->ytmp, stride),
+        TAKE(sim->err, stride);
     TAKE(sim->k, 16 * stride), TAKE(sim->ahead, sim->ahead_size), TAKE(sim->ahead_backup, sim->ahead_size);
     TAKE(sim->ft, nq), TAKE(sim->lin, 6 * nq);
     TAKE(sim->backup, m->n_real + sim->n_applied + 2 * sim->n_inputs + ny), TAKE(sim->backup_ints, m->n_int + 2 * S);
@@ -116,8 +117,8 @@ static void share_ahead(ts_sim *sim)
     sim->cont = sim->ahead;
     sim->y1 = sim->cont + 8 * stride;
     sim->f1 = sim->y1 + stride;
-    sim->gap1 = sim->f1 + stride;
-    sim->rate1 = sim->gap1 + sim->m.lanes;
+    sim->elongation1 = sim->f1 + stride;
+    sim->rate1 = sim->elongation1 + sim->m.lanes;
 }
 
 /* Check counts and indices, so that a damaged file cannot lead outside the arrays.  A reason, or NULL. */

@@ -21,16 +21,16 @@ ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, cons
                                       const int D)
 {
     int lanes = sim->m.lanes;
-    double over = sim->over[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
+    double over = sim->per_length[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
     double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
-    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
+    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->elongation[i], k, &slope);
     if (sim->m.damped_count) {
         double by_rate;
-        ts_damping_law(sim, i, sim->gap_rate[i], &by_rate);
+        ts_damping_law(sim, i, sim->elongation_rate[i], &by_rate);
         damping += exact || by_rate > 0.0 ? by_rate : 0.0;
     }
     double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest_bend[i] + sim->rest_jerk[i] * tau;
-    double rate = sim->gap_rate[i] + (sim->m.winder[i] >= 0 ? sim->rest_rate_now[i] : rest_rate);
+    double rate = sim->elongation_rate[i] + (sim->m.winder[i] >= 0 ? sim->rest_rate_now[i] : rest_rate);
     double density = (sim->fs[i] + sim->fd[i]) * over;
     for (int d = 0; d < D; d++) {
         u[d] = sim->s[d * lanes + i] * over;
@@ -69,7 +69,7 @@ static void wind(ts_sim *sim, int i, double slope, const double *Kq, const doubl
     const ts_term *t = m->term + 4 * i;
     int D = m->count[TS_D], lanes = m->lanes, motor = m->blocks - m->count[TS_A] + m->winder[i];
     double u[3], inv = sim->inv[motor], damping = 0.0;
-    for (int d = 0; d < D; d++) u[d] = sim->s[d * lanes + i] * sim->over[i];
+    for (int d = 0; d < D; d++) u[d] = sim->s[d * lanes + i] * sim->per_length[i];
     for (int r = 0; r < D; r++) {
         sim->ft[motor * D] -= inv * u[r] * ft[r];
         for (int c = 0; c < D; c++) damping += u[r] * Kv[r * D + c] * u[c];

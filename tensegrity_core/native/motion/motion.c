@@ -105,18 +105,18 @@ double ts_rest_rate(const ts_sim *sim, int i, double tau)
     return sim->rest_rate[i] + (sim->rest_bend[i] + 0.5 * sim->rest_jerk[i] * tau) * tau;
 }
 
-ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double gap, double *slope)
+ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double elongation, double *slope)
 {
     const ts_curve *c = sim->curve + i;
     double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
-    return ts_curve_force(c, sim->piece[i], gap, k, slope);
+    return ts_curve_force(c, sim->piece[i], elongation, k, slope);
 }
 
 /* Tension of a string on its present piece, and its elastic part (N). */
-double ts_tension(const ts_sim *sim, int i, double gap, double rate, double *fs)
+double ts_tension(const ts_sim *sim, int i, double elongation, double rate, double *fs)
 {
     double slope;
-    *fs = elastic(sim, i, gap, &slope);
+    *fs = elastic(sim, i, elongation, &slope);
     if (!sim->taut[i] || sim->clipped[i]) return 0.0;
     return *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
 }
@@ -163,7 +163,7 @@ ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1,
 
 /* String vectors, elongations, rates, and the tensions where force curves are straight, for two strings at a time: numbers
  * stay in registers until they are complete, which the processor would otherwise wait for. */
-ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const double *rest, const double *rest_rates, const int D)
+ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const double *rest, const double *rest_rates, const int D)
 {
     const int lanes = sim->m.lanes;
     const int32_t *ends = sim->m.ends;
@@ -180,17 +180,17 @@ ALWAYS_INLINE void stretch(ts_sim *sim, double tau, const double *x, const doubl
             sv = d ? pair_add_product(sv, s[d], sd) : pair_multiply(s[d], sd);
         }
         pair xi = pair_of(sqrt(pair_first(ss)), sqrt(pair_second(ss))), rest_rate = pair_load(rest_rates + i);
-        pair over = pair_divide(pair_both(1.0), pair_larger(xi, least)),
-             rate = pair_subtract(pair_multiply(sv, over), rest_rate);
-        pair gap = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
-        pair low = pair_load(sim->gap_low + i), high = pair_load(sim->gap_high + i);
-        pair_store(sim->over + i, over);
-        pair_store(sim->gap + i, gap);
-        pair_store(sim->gap_rate + i, rate);
-        pair_store(sim->fs + i, pair_multiply(pair_load(sim->k_on + i), gap));
+        pair per_length = pair_divide(pair_both(1.0), pair_larger(xi, least)),
+             rate = pair_subtract(pair_multiply(sv, per_length), rest_rate);
+        pair elongation = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
+        pair low = pair_load(sim->elongation_low + i), high = pair_load(sim->elongation_high + i);
+        pair_store(sim->per_length + i, per_length);
+        pair_store(sim->elongation + i, elongation);
+        pair_store(sim->elongation_rate + i, rate);
+        pair_store(sim->fs + i, pair_multiply(pair_load(sim->k_on + i), elongation));
         pair_store(sim->fd + i, pair_multiply(pair_load(sim->d_on + i), rate));
-        pair_store(sim->gap_low + i, pair_smaller(low, gap));
-        pair_store(sim->gap_high + i, pair_larger(high, gap));
+        pair_store(sim->elongation_low + i, pair_smaller(low, elongation));
+        pair_store(sim->elongation_high + i, pair_larger(high, elongation));
     }
 }
 
@@ -202,7 +202,7 @@ static void curve_forces(ts_sim *sim)
         int i = m->curved[n];
         double slope;
         double k = sim->values[m->at[TS_STIFFNESS] + i];
-        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->gap[i], k, &slope);
+        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->elongation[i], k, &slope);
     }
 }
 
@@ -212,7 +212,7 @@ static void damper_forces(ts_sim *sim)
     for (int n = 0; n < sim->m.damped_count; n++) {
         int i = sim->m.damped[n];
         double slope;
-        if (sim->taut[i]) sim->fd[i] += ts_damping_law(sim, i, sim->gap_rate[i], &slope);
+        if (sim->taut[i]) sim->fd[i] += ts_damping_law(sim, i, sim->elongation_rate[i], &slope);
     }
 }
 
@@ -234,12 +234,13 @@ static void place_by_elongation(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         double lost = 0.0;
-        if (sim->gap[i] < sim->lo[i] || sim->gap[i] > sim->hi[i])
-            ts_place(sim, i, ts_curve_walk(sim->curve + i, sim->piece[i], sim->gap[i], 0.0, &lost));
-        sim->fs[i] = sim->k_on[i] * sim->gap[i];
-        sim->fd[i] = sim->d_on[i] * sim->gap_rate[i];
+        if (sim->elongation[i] < sim->lo[i] || sim->elongation[i] > sim->hi[i])
+            ts_place(sim, i, ts_curve_walk(sim->curve + i, sim->piece[i], sim->elongation[i], 0.0, &lost));
+        sim->fs[i] = sim->k_on[i] * sim->elongation[i];
+        sim->fd[i] = sim->d_on[i] * sim->elongation_rate[i];
         if (sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]) {
-            double slope, f = elastic(sim, i, sim->gap[i], &slope) + ts_damping_law(sim, i, sim->gap_rate[i], &slope);
+            double slope,
+                f = elastic(sim, i, sim->elongation[i], &slope) + ts_damping_law(sim, i, sim->elongation_rate[i], &slope);
             sim->clipped[i] = f + sim->fd[i] < 0.0;
         }
     }
@@ -263,9 +264,9 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
     if (sim->rest_bends || (driven && m->count[TS_A])) {
         bend_rest_lengths(sim, tau);
         if (driven) ts_wind(sim, q);
-        stretch(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
+        elongate(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
     } else {
-        stretch(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
+        elongate(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
     }
     if (sim->unlocated) place_by_elongation(sim);
     if (m->curved_count) curve_forces(sim);
@@ -278,7 +279,7 @@ ALWAYS_INLINE void pull(const ts_sim *sim, double *RESTRICT force, const int D)
     const ts_model *m = &sim->m;
     const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];
     const int32_t *ends = m->strings;
-    const double *fs = sim->fs, *fd = sim->fd, *over = sim->over, *s = sim->s;
+    const double *fs = sim->fs, *fd = sim->fd, *over = sim->per_length, *s = sim->s;
     for (int i = 0; i < nodes * D; i++) force[i] = 0.0;
     for (int i = 0; i < count; i++) {
         const double density = (fs[i] + fd[i]) * over[i];
@@ -314,7 +315,7 @@ static void external_power(const ts_sim *sim, double tau, const double *v, doubl
 ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p, const int driven)
 {
     double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
-    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->gap_rate;
+    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->elongation_rate;
     const double *rest_rate = sim->rest_bends || (driven && sim->m.count[TS_A]) ? sim->rest_rate_now : sim->rest_rate;
     for (int i = 0; i < sim->m.lanes; i += TS_LANES)
         for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
@@ -443,7 +444,7 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
     else DISPATCH(sim, forces, sim, tau, y, Q, 0);
 }
 
-ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate,
+ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate,
                                 const int driven, const int D)
 {
     const ts_model *m = &sim->m;
@@ -457,27 +458,27 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
         for (int d = 0; d < D; d++) s[d] += sign * x[d], sd[d] += sign * v[d];
     }
     double xi = sqrt(dot(s, s, D));
-    *gap = xi - ts_rest_length(sim, i, tau);
+    *elongation = xi - ts_rest_length(sim, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
     if (driven && m->winder[i] >= 0) {
-        *gap += ts_wound(sim, y, i);
+        *elongation += ts_wound(sim, y, i);
         *rate += ts_wound(sim, y + m->nq, i);
     }
 }
 
-APART static void driven_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
+APART static void driven_string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate)
 {
-    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 1);
+    DISPATCH(sim, string_state, sim, tau, y, i, elongation, rate, 1);
 }
 
 /* Elongation of one string and its rate. */
-void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, double *gap, double *rate)
+void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate)
 {
     if (sim->m.driven) {
-        driven_string_state(sim, tau, y, i, gap, rate);
+        driven_string_state(sim, tau, y, i, elongation, rate);
         return;
     }
-    DISPATCH(sim, string_state, sim, tau, y, i, gap, rate, 0);
+    DISPATCH(sim, string_state, sim, tau, y, i, elongation, rate, 0);
 }
 
 ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)

@@ -51,20 +51,20 @@ static double potential(const ts_sim *sim)
     return energy;
 }
 
-static double energy_of_string(const ts_sim *sim, int i, double gap)
+static double energy_of_string(const ts_sim *sim, int i, double elongation)
 {
-    return ts_curve_energy(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i]);
+    return ts_curve_energy(sim->curve + i, sim->piece[i], elongation, sim->values[sim->m.at[TS_STIFFNESS] + i]);
 }
 
 /* Energy stored in clipped strings (J). */
 double ts_clipped_energy(const ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
-    double sum = 0.0, gap, rate;
+    double sum = 0.0, elongation, rate;
     for (int i = 0; m->damping_law == TS_TENSION_ONLY && i < m->count[TS_S]; i++) {
         if (!sim->clipped[i]) continue;
-        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        sum += energy_of_string(sim, i, gap);
+        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        sum += energy_of_string(sim, i, elongation);
     }
     return sum;
 }
@@ -72,10 +72,10 @@ double ts_clipped_energy(const ts_sim *sim, double tau)
 /* Potential and elastic energy at the present state, under inputs and parameters that may be new (J). */
 double ts_stored_energy(const ts_sim *sim, double tau)
 {
-    double sum = potential(sim), gap, rate;
+    double sum = potential(sim), elongation, rate;
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        sum += energy_of_string(sim, i, gap);
+        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        sum += energy_of_string(sim, i, elongation);
     }
     return sum;
 }
@@ -132,10 +132,11 @@ static void strings(ts_sim *sim, double tau)
     double *length = sim->values + m->at[TS_STRING_LENGTH];
     for (int i = 0; i < m->count[TS_S]; i++) {
         double fs = sim->fs[i];
-        if (sim->clipped[i]) ts_tension(sim, i, sim->gap[i], sim->gap_rate[i], &fs); /* the spring pulls all the same */
+        if (sim->clipped[i])
+            ts_tension(sim, i, sim->elongation[i], sim->elongation_rate[i], &fs); /* the spring pulls all the same */
         force[i] = sim->fs[i] + sim->fd[i];
         elastic[i] = fs;
-        length[i] = sim->gap[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
+        length[i] = sim->elongation[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
     }
 }
 
@@ -237,7 +238,7 @@ void ts_outputs(ts_sim *sim, double tau)
     drives(sim);
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;
-    for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->gap[i]);
+    for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->elongation[i]);
     out[m->at[TS_DISSIPATED]] = sim->y[2 * m->nq];
     out[m->at[TS_INPUT_WORK]] = sim->y[2 * m->nq + 1];
     out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];

@@ -19,9 +19,10 @@
 #define FEW_SAMPLES 3 /* where the elongation goes one way */
 
 /* Untrimmed tension: positive where spring and damper together pull. */
-static double raw_tension(const ts_sim *sim, int i, double gap, double rate, double *scale)
+static double raw_tension(const ts_sim *sim, int i, double elongation, double rate, double *scale)
 {
-    double slope, fs = ts_curve_force(sim->curve + i, sim->piece[i], gap, sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    double slope,
+        fs = ts_curve_force(sim->curve + i, sim->piece[i], elongation, sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
     double fd = sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
     *scale = fabs(fs) + fabs(fd);
     return fs + fd;
@@ -55,19 +56,20 @@ static void note(ts_sim *sim, double tau, int i, int piece, double loss)
 static double place_anew(ts_sim *sim, int i)
 {
     const ts_curve *c = sim->curve + i;
-    double lost = 0.0, gap, rate, scale;
-    ts_string_state(sim, 0.0, sim->y, i, &gap, &rate);
+    double lost = 0.0, elongation, rate, scale;
+    ts_string_state(sim, 0.0, sim->y, i, &elongation, &rate);
     if (c->branches) ts_place(sim, i, sim->piece[i]);
-    ts_place(sim, i, c->branches ? ts_curve_walk(c, sim->piece[i], gap, sim->guard[i], &lost) : ts_curve_piece(c, gap));
+    ts_place(sim, i,
+             c->branches ? ts_curve_walk(c, sim->piece[i], elongation, sim->guard[i], &lost) : ts_curve_piece(c, elongation));
     const ts_piece *p = c->piece + sim->piece[i];
-    if (gap - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
+    if (elongation - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
         lost += p->loss_down;
         ts_place(sim, i, p->down);
-    } else if (sim->hi[i] - gap <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
+    } else if (sim->hi[i] - elongation <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
         lost += p->loss_up;
         ts_place(sim, i, p->up);
     }
-    if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+    if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
     return lost;
 }
 
@@ -85,11 +87,11 @@ double ts_place_all(ts_sim *sim)
 }
 
 /* How far a string is past what its piece (which < S) or its clipping (which >= S) allows; positive: crossed. */
-static double excess(const ts_sim *sim, int which, double gap, double rate)
+static double excess(const ts_sim *sim, int which, double elongation, double rate)
 {
     int S = sim->m.count[TS_S], i = which % S;
-    if (which < S) return fmax(sim->lo[i] - gap, gap - sim->hi[i]) - sim->guard[i];
-    double scale, T = raw_tension(sim, i, gap, rate, &scale);
+    if (which < S) return fmax(sim->lo[i] - elongation, elongation - sim->hi[i]) - sim->guard[i];
+    double scale, T = raw_tension(sim, i, elongation, rate, &scale);
     return (sim->clipped[i] ? T : -T) - 1e-14 * (1.0 + scale);
 }
 
@@ -101,7 +103,7 @@ typedef struct {
 
 /* Elongation and rate of one string on the dense output, put on the constraint as the state will be: only the blocks it
  * hangs on are interpolated. */
-static void at_theta(const step *s, double theta, int i, double *gap, double *rate)
+static void at_theta(const step *s, double theta, int i, double *elongation, double *rate)
 {
     ts_sim *sim = s->sim;
     const ts_term *t = sim->m.term + 4 * i;
@@ -117,18 +119,18 @@ static void at_theta(const step *s, double theta, int i, double *gap, double *ra
         s->method->interpolate(sim, theta, at, 1, sim->ytmp + at);
         s->method->interpolate(sim, theta, nq + at, 1, sim->ytmp + nq + at);
     }
-    ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, gap, rate);
+    ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, elongation, rate);
 }
 
 /* The excess and, for a crossing of a piece's end, its derivative by theta (else 0). */
 static double excess_at(const step *s, double theta, int which, double *slope)
 {
-    double gap, rate;
+    double elongation, rate;
     int S = s->sim->m.count[TS_S];
-    at_theta(s, theta, which % S, &gap, &rate);
-    if (which < S) *slope = s->h * (gap - s->sim->hi[which] > s->sim->lo[which] - gap ? rate : -rate);
+    at_theta(s, theta, which % S, &elongation, &rate);
+    if (which < S) *slope = s->h * (elongation - s->sim->hi[which] > s->sim->lo[which] - elongation ? rate : -rate);
     else *slope = 0.0;
-    return excess(s->sim, which, gap, rate);
+    return excess(s->sim, which, elongation, rate);
 }
 
 /* First theta in (a, b] where the excess is positive, given that it is at b and not at a: Newton steps, else secant
@@ -198,9 +200,9 @@ static double scan_clipping(const step *s, int w, double last)
 static double turning_point(const step *s, int i, double a, double ra, double b, double rb)
 {
     for (int n = 0; n < 40 && b - a > 1e-9; n++) {
-        double gap, rc, c = n % 3 == 2 ? 0.5 * (a + b) : b - rb * (b - a) / (rb - ra);
+        double elongation, rc, c = n % 3 == 2 ? 0.5 * (a + b) : b - rb * (b - a) / (rb - ra);
         if (!(c > a && c < b)) c = 0.5 * (a + b);
-        at_theta(s, c, i, &gap, &rc);
+        at_theta(s, c, i, &elongation, &rc);
         if ((rc > 0.0) == (ra > 0.0)) a = c, ra = rc;
         else b = c, rb = rc;
     }
@@ -213,9 +215,9 @@ static double scan(const step *s, int i, double last, int samples)
     ts_sim *sim = s->sim;
     double a = 0.0, ra = sim->rate0[i];
     for (int n = 1; n <= samples; n++) {
-        double b = last * n / samples, gap, rb;
-        at_theta(s, b, i, &gap, &rb);
-        if (excess(sim, i, gap, rb) > 0.0) return locate(s, i, a, b);
+        double b = last * n / samples, elongation, rb;
+        at_theta(s, b, i, &elongation, &rb);
+        if (excess(sim, i, elongation, rb) > 0.0) return locate(s, i, a, b);
         if (ra * rb < 0.0) {
             double turn = turning_point(s, i, a, ra, b, rb), unused;
             if (excess_at(s, turn, i, &unused) > 0.0) return locate(s, i, a, turn);
@@ -230,9 +232,9 @@ static double scan(const step *s, int i, double last, int samples)
  * cubic interpolation, SIAM Journal on Numerical Analysis 17, 1980, doi:10.1137/0717021). */
 static int one_way(const ts_sim *sim, int i, double h)
 {
-    double rise = sim->gap1[i] - sim->gap0[i], r0 = h * sim->rate0[i], r1 = h * sim->rate1[i];
-    if (rise < 0.0) rise = -rise, r0 = -r0, r1 = -r1;
-    return r0 >= 0.0 && r1 >= 0.0 && r0 <= 3.0 * rise && r1 <= 3.0 * rise;
+    double change = sim->elongation1[i] - sim->elongation0[i], r0 = h * sim->rate0[i], r1 = h * sim->rate1[i];
+    if (change < 0.0) change = -change, r0 = -r0, r1 = -r1;
+    return r0 >= 0.0 && r1 >= 0.0 && r0 <= 3.0 * change && r1 <= 3.0 * change;
 }
 
 /* May the elongation have left its piece and come back?  If it turns once, its tangents at the two ends meet beyond what it
@@ -243,9 +245,10 @@ static int may_graze(const ts_sim *sim, int i, double h)
     if (one_way(sim, i, h)) return 0;
     if (!(r0 * r1 < 0.0)) {
         double reach = h * (fabs(r0) + fabs(r1));
-        return fmax(sim->gap0[i], sim->gap1[i]) + reach > sim->hi[i] || fmin(sim->gap0[i], sim->gap1[i]) - reach < sim->lo[i];
+        return fmax(sim->elongation0[i], sim->elongation1[i]) + reach > sim->hi[i] ||
+               fmin(sim->elongation0[i], sim->elongation1[i]) - reach < sim->lo[i];
     }
-    double meet = sim->gap0[i] + r0 * (sim->gap1[i] - sim->gap0[i] - r1 * h) / (r0 - r1);
+    double meet = sim->elongation0[i] + r0 * (sim->elongation1[i] - sim->elongation0[i] - r1 * h) / (r0 - r1);
     return meet > sim->hi[i] || meet < sim->lo[i];
 }
 
@@ -268,8 +271,8 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
     for (int w = 0; w < watches; w++) {
         int i = w % S;
         if (w >= S && !clips(sim, i)) continue;
-        int crossed = excess(sim, w, sim->gap1[i], sim->rate1[i]) > 0.0;
-        int left = sim->gap_low[i] < sim->lo[i] || sim->gap_high[i] > sim->hi[i]; /* at some stage */
+        int crossed = excess(sim, w, sim->elongation1[i], sim->rate1[i]) > 0.0;
+        int left = sim->elongation_low[i] < sim->lo[i] || sim->elongation_high[i] > sim->hi[i]; /* at some stage */
         if (!crossed && !(w < S ? left || may_graze(sim, i, h) : may_clip(sim, i))) continue;
         if (!sim->dense_ready) {
             method->densify(sim, tau, h);
@@ -308,11 +311,11 @@ static void leave_piece(ts_sim *sim, double tau, int i, int up)
 }
 
 /* Is a taut string's tension one that it cannot bear, now that it is on another piece? */
-static void review_clipping(ts_sim *sim, int i, double gap, double rate)
+static void review_clipping(ts_sim *sim, int i, double elongation, double rate)
 {
     double scale;
     if (clips(sim, i) && (sim->curve[i].branches || (sim->piece[i] == 1 && !sim->clipped[i])))
-        sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+        sim->clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
 }
 
 /* Carry out the transition that was located at the present state, and those of strings that stand at an end too and move
@@ -322,15 +325,15 @@ void ts_switch(ts_sim *sim, double tau, int which)
     int S = sim->m.count[TS_S];
     sim->force_jumps = 0;
     for (int i = 0; i < S; i++) {
-        double gap, rate;
+        double elongation, rate;
         int before = sim->piece[i];
-        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        if (i == which) leave_piece(sim, tau, i, gap - sim->hi[i] > sim->lo[i] - gap);
-        else if (gap - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
-        else if (sim->lo[i] - gap >= -2.0 * sim->guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
+        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        if (i == which) leave_piece(sim, tau, i, elongation - sim->hi[i] > sim->lo[i] - elongation);
+        else if (elongation - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
+        else if (sim->lo[i] - elongation >= -2.0 * sim->guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
         else if (i + S != which) continue;
         if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i]; /* where the tension is 0: no jump */
-        else review_clipping(sim, i, gap, rate);
+        else review_clipping(sim, i, elongation, rate);
     }
 }
 
@@ -339,12 +342,12 @@ void ts_catch_up(ts_sim *sim, double tau)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         const ts_curve *c = sim->curve + i;
-        double gap, rate, scale, lost = 0.0;
-        ts_string_state(sim, tau, sim->y, i, &gap, &rate);
-        if (excess(sim, i, gap, rate) > 0.0) {
-            int piece = c->branches ? ts_curve_walk(c, sim->piece[i], gap, 0.0, &lost) : ts_curve_piece(c, gap);
+        double elongation, rate, scale, lost = 0.0;
+        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        if (excess(sim, i, elongation, rate) > 0.0) {
+            int piece = c->branches ? ts_curve_walk(c, sim->piece[i], elongation, 0.0, &lost) : ts_curve_piece(c, elongation);
             change_piece(sim, tau, i, piece, lost);
         }
-        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, gap, rate, &scale) < 0.0;
+        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
     }
 }

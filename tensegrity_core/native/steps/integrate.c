@@ -129,8 +129,8 @@ static void restart(ts_sim *sim, double tau)
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_rhs(sim, tau, sim->y, sim->f0);
-    memcpy(sim->gap0, sim->gap, bytes);
-    memcpy(sim->rate0, sim->gap_rate, bytes);
+    memcpy(sim->elongation0, sim->elongation, bytes);
+    memcpy(sim->rate0, sim->elongation_rate, bytes);
     sim->jacobian_ready = 0;
     sim->memory.joined = 0.0;
 }
@@ -143,8 +143,8 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
     ts_span *span = &sim->memory.span;
     ts_project(sim, sim->y1);
     method->accept(sim, tau, h);
-    memcpy(sim->gap1, sim->gap, bytes);
-    memcpy(sim->rate1, sim->gap_rate, bytes);
+    memcpy(sim->elongation1, sim->elongation, bytes);
+    memcpy(sim->rate1, sim->elongation_rate, bytes);
     memcpy(sim->cont, sim->y, sizeof(double) * (size_t)sim->m.stride);
     sim->dense_ready = 0;
     sim->memory.joined = 0.0;
@@ -190,7 +190,7 @@ static int close_span(ts_sim *sim, double tau)
     }
     to_the_end(sim, &span);
     memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.stride);
-    memcpy(sim->gap0, sim->gap1, bytes);
+    memcpy(sim->elongation0, sim->elongation1, bytes);
     memcpy(sim->rate0, sim->rate1, bytes);
     ts_review_step(sim, span.h);
     return ENDED;
@@ -311,8 +311,8 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     memset(sim->sign_changed, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
     for (int i = 0; sim->m.damping_law == TS_TENSION_ONLY && i < sim->m.count[TS_S]; i++)
         sim->margin_low[i] = INFINITY, sim->margin_high[i] = -INFINITY;
-    memcpy(sim->gap_low, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
-    memcpy(sim->gap_high, sim->gap0, sizeof(double) * (size_t)sim->m.count[TS_S]);
+    memcpy(sim->elongation_low, sim->elongation0, sizeof(double) * (size_t)sim->m.count[TS_S]);
+    memcpy(sim->elongation_high, sim->elongation0, sizeof(double) * (size_t)sim->m.count[TS_S]);
     sim->shrink = 0.1;
     sim->growth = method->growth;
     sim->memory.choice.taken = 1.0;

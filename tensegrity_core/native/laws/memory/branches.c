@@ -1,8 +1,8 @@
 /* States of parts in series with memory, and their branches.
  *
- * On given stretches of the parts (a state) T is smooth in the string's elongation x.  Where all of them rise, every
+ * On given pieces of the parts (a state) T is smooth in the string's elongation x.  Where all of them rise, every
  * equilibrium is stable; where one falls, the one that leads, it is as long as dx/du of the leader is positive; where two
- * fall, none is.  So a state has branches in x, which end where a part comes to the end of its stretch, where T vanishes, or
+ * fall, none is.  So a state has branches in x, which end where a part comes to the end of its piece, where T vanishes, or
  * at a fold, dx/du = 0. */
 #include "laws/memory/branches.h"
 #include "laws/law.h"
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SCAN 96      /* samples of dx/du on a falling stretch */
+#define SCAN 96      /* samples of dx/du on a falling piece */
 #define NARROW 1e-10 /* branches that are none, of the length: less than TS_ENDED, so that beyond such a one is the next */
 
 ts_rise ts_branch_rise(ts_graph *g, const ts_branch *b)
@@ -37,19 +37,19 @@ double ts_parts_total(const ts_graph *g, const double *u)
 /* Pi, J. */
 double ts_parts_energy(const ts_graph *g, double x, const double *u)
 {
-    double stretch = fmax(0.0, x - ts_parts_total(g, u)), sum = 0.5 * g->k * stretch * stretch;
+    double own = fmax(0.0, x - ts_parts_total(g, u)), sum = 0.5 * g->k * own * own;
     for (int j = 0; j < g->n; j++) sum += ts_law_energy(g->part + j, ts_law_at(g->part + j, u[j]), u[j]);
     return sum;
 }
 
-/* Where a part stands on a stretch at an end of a branch under T: at the stretch's own end where the forces tie, since near an
+/* Where a part stands on a piece at an end of a branch under T: at the piece's own end where the forces tie, since near an
  * extremum T tells only half the digits. */
-static double at_end(const ts_law *part, int stretch, double T, double guess)
+static double at_end(const ts_law *part, int piece, double T, double guess)
 {
-    const ts_stretch *s = part->s + stretch;
+    const ts_law_piece *s = part->piece + piece;
     for (int end = 0; end < 2; end++)
-        if (fabs(T - s->force[end]) <= ts_stretch_tie(s)) return end ? s->p.hi : s->p.lo;
-    return ts_law_inverse(part, stretch, T, guess);
+        if (fabs(T - s->force[end]) <= ts_law_tie(s)) return end ? s->p.hi : s->p.lo;
+    return ts_law_inverse(part, piece, T, guess);
 }
 
 /* Elongation where the parts of a state bear T, theirs in g->on_rise; u: the leader's where it is level. */
@@ -58,7 +58,7 @@ static double bearing(ts_graph *g, const ts_state *s, double T, double u)
     for (int j = 0; j < g->n; j++) {
         const ts_law *part = g->part + j;
         if (s->at[j] >= part->n) g->on_rise[j] = ts_law_stop(part);
-        else if (part->s[s->at[j]].way == 0) g->on_rise[j] = u;
+        else if (part->piece[s->at[j]].way == 0) g->on_rise[j] = u;
         else g->on_rise[j] = at_end(part, s->at[j], T, g->on_rise[j]);
     }
     return T / g->k + ts_parts_total(g, g->on_rise);
@@ -111,7 +111,7 @@ int ts_branch_add(ts_graph *g, ts_branch b)
     return g->branch_count++;
 }
 
-/* Forces that the parts other than the leader can bear on their stretches: from least to most, N. */
+/* Forces that the parts other than the leader can bear on their pieces: from least to most, N. */
 static void bounds(const ts_graph *g, const ts_state *s, double *least, double *most)
 {
     *least = 0.0;
@@ -119,10 +119,10 @@ static void bounds(const ts_graph *g, const ts_state *s, double *least, double *
     for (int j = 0; j < g->n; j++) {
         const ts_law *part = g->part + j;
         if (s->at[j] >= part->n) {
-            *least = fmax(*least, part->s[part->n - 1].force[1]);
-        } else if (part->s[s->at[j]].way > 0) {
-            *least = fmax(*least, part->s[s->at[j]].force[0]);
-            *most = fmin(*most, part->s[s->at[j]].force[1]);
+            *least = fmax(*least, part->piece[part->n - 1].force[1]);
+        } else if (part->piece[s->at[j]].way > 0) {
+            *least = fmax(*least, part->piece[s->at[j]].force[0]);
+            *most = fmin(*most, part->piece[s->at[j]].force[1]);
         }
     }
 }
@@ -159,7 +159,7 @@ static double least_between(ts_rise *r, double a, double b, double *where)
     return fmin(fc, fd);
 }
 
-/* A stable part of a falling stretch makes a branch, or two where both its ends are folds. */
+/* A stable part of a falling piece makes a branch, or two where both its ends are folds. */
 static void add_falling(ts_graph *g, ts_branch b, double u0, int cause0, double u1, int cause1)
 {
     b.u[0] = u0;
@@ -187,12 +187,12 @@ static void add_falling(ts_graph *g, ts_branch b, double u0, int cause0, double 
     ts_branch_add(g, b);
 }
 
-/* Branches where one part, the leader, falls: the stretches of it with dx/du > 0. */
+/* Branches where one part, the leader, falls: the pieces of it with dx/du > 0. */
 static void explore_falling(ts_graph *g, int32_t index)
 {
     const ts_state *s = g->states + index;
     const ts_law *lead = g->part + s->leader;
-    const ts_stretch *on = lead->s + s->at[s->leader];
+    const ts_law_piece *on = lead->piece + s->at[s->leader];
     double least, most, a = on->p.lo, b = on->p.hi, from = 0.0, last = 0.0, before = 0.0;
     bounds(g, s, &least, &most);
     if (on->force[1] > most || on->force[0] < least) return;
@@ -206,7 +206,7 @@ static void explore_falling(ts_graph *g, int32_t index)
         if (least == 0.0) cause1 = TS_ZERO;
     }
     if (!(b > a)) return;
-    if (!(b < INFINITY)) { /* a level stretch without end: dx/du = 1 */
+    if (!(b < INFINITY)) { /* a level piece without end: dx/du = 1 */
         add_falling(g, all, a, TS_BOUND, b, TS_ENDLESS);
         return;
     }
@@ -251,7 +251,7 @@ static void explore_rising(ts_graph *g, int32_t index)
     if (!(most < INFINITY)) b.kind = s->leader < 0 ? TS_STRAIGHT : TS_OPEN; /* straight: all are at their stops */
     if (!(most > least * (1.0 + TS_TIE))) return;
     for (int j = 0; j < g->n; j++)
-        if (s->at[j] < g->part[j].n && g->part[j].s[s->at[j]].force[1] == most) {
+        if (s->at[j] < g->part[j].n && g->part[j].piece[s->at[j]].force[1] == most) {
             s->leader = j;
             break;
         }
@@ -262,7 +262,7 @@ static void explore_rising(ts_graph *g, int32_t index)
     if (b.x[1] - b.x[0] > NARROW * g->length) ts_branch_add(g, b);
 }
 
-/* The state of these stretches, with its branches; -1: out of memory. */
+/* The state of these pieces, with its branches; -1: out of memory. */
 static int32_t find_state(ts_graph *g, const int32_t *at)
 {
     size_t bytes = sizeof *at * (size_t)g->n;
@@ -280,7 +280,7 @@ static int32_t find_state(ts_graph *g, const int32_t *at)
     int falling = 0, leader = -1;
     for (int j = 0; j < g->n; j++) {
         if (at[j] >= g->part[j].n) continue;
-        int falls = g->part[j].s[at[j]].way <= 0;
+        int falls = g->part[j].piece[at[j]].way <= 0;
         if (leader < 0 || (falls && !falling)) leader = j;
         falling += falls;
     }

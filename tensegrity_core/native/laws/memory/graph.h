@@ -11,12 +11,12 @@
 
 #define TS_MOST_PIECES 4096
 #define TS_NEAR 1e-9   /* elongations that are equal, of the length */
-#define TS_ENDED 2e-10 /* a part this near the end of its stretch has come to it, of the length */
+#define TS_ENDED 2e-10 /* a part this near the end of its piece has come to it, of the length */
 
 enum { TS_BOUND, TS_FOLD, TS_ZERO, TS_JOINT, TS_ENDLESS }; /* what ends a branch */
 
 typedef struct {
-    int32_t *at;                  /* (n) stretch of each part; its number of stretches: at its stop */
+    int32_t *at;                  /* (n) piece of each part; its number of pieces: at its stop */
     int32_t leader, first, count; /* -1: all parts are at their stops; its branches */
 } ts_state;
 

@@ -17,25 +17,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PUSH 1e-3  /* first displacement from an unstable point, of a stretch */
+#define PUSH 1e-3  /* first displacement from an unstable point, of a piece */
 #define DRIVE 1e-8 /* what must drive it on from there, of the largest force */
 
 /* --- snaps --------------------------------------------------------------------------------------------------------- */
 
 /* Elongation at which a part that bears nothing comes to rest, on the way from u. */
-static double relaxed(const ts_law *part, int stretch, double u, int way)
+static double relaxed(const ts_law *part, int piece, double u, int way)
 {
-    const ts_stretch *s = part->s + stretch;
-    if (stretch == 0 && s->way > 0 && s->force[0] >= 0.0) return 0.0;
+    const ts_law_piece *s = part->piece + piece;
+    if (piece == 0 && s->way > 0 && s->force[0] >= 0.0) return 0.0;
     if (s->way > 0 && s->force[1] < 0.0 && u >= s->p.hi) return s->p.hi;
-    if (s->way > 0 && s->force[0] <= 0.0 && s->force[1] >= 0.0) return ts_law_inverse(part, stretch, 0.0, u);
+    if (s->way > 0 && s->force[0] <= 0.0 && s->force[1] >= 0.0) return ts_law_inverse(part, piece, 0.0, u);
     if (way > 0) {
-        for (int i = stretch + 1; i < part->n; i++)
-            if (part->s[i].way > 0 && part->s[i].force[1] >= 0.0) return ts_law_inverse(part, i, 0.0, u);
+        for (int i = piece + 1; i < part->n; i++)
+            if (part->piece[i].way > 0 && part->piece[i].force[1] >= 0.0) return ts_law_inverse(part, i, 0.0, u);
         return ts_law_stop(part);
     }
-    for (int i = stretch - 1; i > 0; i--)
-        if (part->s[i].way > 0 && part->s[i].force[0] <= 0.0) return ts_law_inverse(part, i, 0.0, u);
+    for (int i = piece - 1; i > 0; i--)
+        if (part->piece[i].way > 0 && part->piece[i].force[0] <= 0.0) return ts_law_inverse(part, i, 0.0, u);
     return 0.0;
 }
 
@@ -77,8 +77,8 @@ static int places(const ts_graph *g, int j, int32_t out[2])
         return count;
     }
     out[count++] = i;
-    if (i > 0 && u - part->s[i].p.lo < near) out[count++] = i - 1;
-    else if (part->s[i].p.hi - u < near) out[count++] = i + 1;
+    if (i > 0 && u - part->piece[i].p.lo < near) out[count++] = i - 1;
+    else if (part->piece[i].p.hi - u < near) out[count++] = i + 1;
     return count;
 }
 
@@ -107,15 +107,15 @@ static int32_t land(ts_graph *g, double x, int way)
     return -1;
 }
 
-/* Elongation where a part bears T on a rising stretch or on those that it joins. */
+/* Elongation where a part bears T on a rising piece or on those that it joins. */
 static double risen(const ts_law *part, int on, double T, double guess)
 {
-    while (on > 0 && T < part->s[on].force[0] && part->s[on - 1].way > 0) on--;
-    while (on < part->n - 1 && T > part->s[on].force[1] && part->s[on + 1].way > 0) on++;
+    while (on > 0 && T < part->piece[on].force[0] && part->piece[on - 1].way > 0) on--;
+    while (on < part->n - 1 && T > part->piece[on].force[1] && part->piece[on + 1].way > 0) on++;
     return ts_law_inverse(part, on, T, guess);
 }
 
-/* Others than parts j and k come to equilibrium with these held in g->v, on their stretches `at`; falling ones and those at
+/* Others than parts j and k come to equilibrium with these held in g->v, on their pieces `at`; falling ones and those at
  * their stops stay.  Returns T. */
 static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
 {
@@ -126,7 +126,7 @@ static double hold(ts_graph *g, double x, const int32_t *at, int j, int k)
         for (int i = 0; i < g->n; i++) {
             const ts_law *part = g->part + i;
             if (i != j && i != k)
-                g->v[i] = at[i] < part->n && part->s[at[i]].way > 0 ? risen(part, at[i], T, g->v[i]) : g->u[i];
+                g->v[i] = at[i] < part->n && part->piece[at[i]].way > 0 ? risen(part, at[i], T, g->v[i]) : g->u[i];
             sum += g->v[i];
         }
         if (sum > x) high = T;
@@ -155,8 +155,8 @@ static int32_t snap(ts_graph *g, double x, const int32_t *at, int j, int other, 
     const ts_law *part = g->part + j;
     int on = ts_law_at(part, g->u[j]);
     double distance = PUSH * g->length;
-    for (int i = on > 0 ? on - 1 : 0; i < part->n && i <= on + 1; i++) /* little enough for the shortest stretch beside it */
-        distance = fmin(distance, PUSH * (part->s[i].p.hi - part->s[i].p.lo));
+    for (int i = on > 0 ? on - 1 : 0; i < part->n && i <= on + 1; i++) /* little enough for the shortest piece beside it */
+        distance = fmin(distance, PUSH * (part->piece[i].p.hi - part->piece[i].p.lo));
     memcpy(g->v, g->u, sizeof(double) * (size_t)g->n);
     for (int n = 0;; n++, distance *= 2.0) {
         push(g, j, way * distance);
@@ -174,7 +174,10 @@ static int32_t snap(ts_graph *g, double x, const int32_t *at, int j, int other, 
 
 /* --- the search ---------------------------------------------------------------------------------------------------- */
 
-static int falls(const ts_graph *g, const int32_t *at, int j) { return at[j] < g->part[j].n && g->part[j].s[at[j]].way <= 0; }
+static int falls(const ts_graph *g, const int32_t *at, int j)
+{
+    return at[j] < g->part[j].n && g->part[j].piece[at[j]].way <= 0;
+}
 
 /* Stretch on which part j goes on from an end of a branch where the force is T, going up (1) or down (-1). */
 static int32_t moved(const ts_graph *g, const ts_state *s, int j, double T, int way)
@@ -183,15 +186,15 @@ static int32_t moved(const ts_graph *g, const ts_state *s, int j, double T, int 
     int on = s->at[j], falling = s->leader >= 0 && falls(g, s->at, s->leader), up = falling ? -way : way;
     double near = TS_ENDED * g->length, slope;
     if (falling && j == s->leader) { /* it goes with the elongation */
-        double end = way > 0 ? part->s[on].p.hi : part->s[on].p.lo;
+        double end = way > 0 ? part->piece[on].p.hi : part->piece[on].p.lo;
         return fabs(g->u[j] - end) <= near ? on + way : on;
     }
     if (on >= part->n) {
         double stop = ts_law_force(part, part->n - 1, ts_law_stop(part), &slope);
         return up < 0 && T <= stop * (1.0 + TS_TIE) + slope * near ? part->n - 1 : on;
     }
-    const ts_stretch *here = part->s + on;
-    double tie = ts_stretch_tie(here);
+    const ts_law_piece *here = part->piece + on;
+    double tie = ts_law_tie(here);
     if (up > 0) return T >= here->force[1] - tie || g->u[j] >= here->p.hi - near ? on + 1 : on;
     return on > 0 && (T <= here->force[0] + tie || g->u[j] <= here->p.lo + near) ? on - 1 : on;
 }
@@ -211,7 +214,7 @@ static int32_t joining_fall(ts_graph *g, const ts_state *s, double x, double T, 
     return found;
 }
 
-/* What follows where parts come to the ends of their stretches. */
+/* What follows where parts come to the ends of their pieces. */
 static int32_t beyond_bound(ts_graph *g, const ts_branch *b, double x, double T, int way)
 {
     const ts_state *s = g->states + b->state;
@@ -220,7 +223,7 @@ static int32_t beyond_bound(ts_graph *g, const ts_branch *b, double x, double T,
     memcpy(at, s->at, sizeof *at * (size_t)g->n); /* the list of states may move */
     int32_t on_lead = others ? moved(g, s, leader, T, way) : 0;
     /* where the leader comes to a rise, the force turns: the others stay */
-    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].s[on_lead].way > 0);
+    int turns = others && (on_lead >= g->part[leader].n || g->part[leader].piece[on_lead].way > 0);
     for (int j = 0; j < g->n; j++) {
         g->next[j] = turns && j != leader ? at[j] : moved(g, s, j, T, way);
         if (g->next[j] == at[j]) continue;
@@ -255,7 +258,7 @@ static int32_t beyond_slack(ts_graph *g, double x)
         const ts_law *part = g->part + j;
         int i = ts_law_at(part, g->u[j]);
         if (g->u[j] >= ts_law_stop(part)) i = part->n;
-        else if (g->u[j] > 0.0 && g->u[j] >= part->s[i].p.hi) i++;
+        else if (g->u[j] > 0.0 && g->u[j] >= part->piece[i].p.hi) i++;
         g->next[j] = i;
     }
     int32_t found = ts_branch_find(g, g->next, x, g->u, 1);
@@ -389,10 +392,10 @@ const char *ts_hysteresis(ts_curve *c, const ts_law *part, int n, double stiffne
     else g.u = g.work + 8 * n, g.v = g.u + n, g.on_rise = g.v + n;
     if (!(stiffness > 0.0)) g.reason = "the stiffness of a hysteretic string must be positive";
     for (int j = 0; j < n; j++) {
-        double last = part[j].s[part[j].n - 1].p.hi;
-        if (part[j].s[0].way <= 0) g.reason = "the force of a part of a hysteretic series does not rise from 0";
+        double last = part[j].piece[part[j].n - 1].p.hi;
+        if (part[j].piece[0].way <= 0) g.reason = "the force of a part of a hysteretic series does not rise from 0";
         g.size = fmax(g.size, ts_law_largest(part + j));
-        g.length += last < INFINITY ? last : part[j].s[part[j].n - 1].p.lo;
+        g.length += last < INFINITY ? last : part[j].piece[part[j].n - 1].p.lo;
     }
     if (g.size == 0.0) g.size = 1.0; /* springs only */
     g.length += g.size / stiffness;
