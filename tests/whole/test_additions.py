@@ -21,7 +21,7 @@ PARTS = ("tensegrity_core", "fmu_src", "build_fmu.py", "LICENSE", "pyproject.tom
 #: The elongation of a string as an output: its row, and its values in the kernel and in the reference.
 ROW = """    Field("elongation", "output", ("S",), "m", "{S}.elongation", "length beyond the rest length", compared="length"),
 """
-KERNEL = "        sim->values[m->at[TS_ELONGATION] + i] = sim->gap[i];\n"
+KERNEL = "        sim->values[m->at[TS_ELONGATION] + i] = sim->elongation[i];\n"
 REFERENCE = "            elongation=strings.stretch,\n"
 
 #: Heun's method, K. Heun, Neue Methoden zur approximativen Integration der Differentialgleichungen einer unabhaengigen
