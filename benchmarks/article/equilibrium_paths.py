@@ -100,7 +100,7 @@ class Case:
     def round(self) -> None:
         self.up = self.timed("sweep", self.sweep)
         self.carefully = self.timed("careful", self.careful)
-        known = [sudden_loads.states_at(self.up.stretches, load) for load in LOADS.tolist()]
+        known = [sudden_loads.states_at(self.up.paths, load) for load in LOADS.tolist()]
         self.sudden = self.timed("sudden", lambda: self.suddenly(known))
         self.timed("runs", lambda: self.runs(1))
         self.timed("rows", lambda: self.runs(round(DURATION / ROW)))
@@ -140,7 +140,7 @@ def states(case: Case) -> list[dict]:
     rows = []
     back = steady_states.load_sweep(case.loading, [*LOADS[::-1], 0.0], case.up.nodes[-1])
     case.back = back
-    paths = [*case.up.stretches, *back.stretches]
+    paths = [*case.up.paths, *back.paths]
     slow, fallen = case.up.nodes[1:], back.nodes[:-1][::-1]
     for load, up, down, sudden in zip(LOADS.tolist(), slow, fallen, case.sudden):
         run, nodes = waited(case, load), case.up.equations.nodes(sudden.point.free)
@@ -174,7 +174,7 @@ def states(case: Case) -> list[dict]:
 
 
 def lines(case: Case, rows: list[dict]) -> dict:
-    """What the figure draws: top nodes' mean height over load along stable stretches and unstable branches."""
+    """What the figure draws: top nodes' mean height over load along stable paths and unstable branches."""
 
     def drawn(paths):
         found = []
@@ -197,7 +197,7 @@ def lines(case: Case, rows: list[dict]) -> dict:
         for i in apart
         for goal in (LOADS[0], LOADS[-1])
     ]
-    curves = {"up": case.up.stretches, "back": case.back.stretches, "unstable": detours, "elsewhere": elsewhere}
+    curves = {"up": case.up.paths, "back": case.back.paths, "unstable": detours, "elsewhere": elsewhere}
     return plain({name: drawn(paths) for name, paths in curves.items()}, 6) | {"jumps": jumps}
 
 
@@ -214,7 +214,7 @@ def landings(count: int) -> dict:
         for side in (1.0, -1.0):
             sweep = steady_states.load_sweep(loading, loads[:: int(side)], nodes)
             nodes = sweep.nodes[-1]
-            for path, jump in zip(sweep.stretches, sweep.jumps):
+            for path, jump in zip(sweep.paths, sweep.jumps):
                 small = steady_states.landing(path, jump.after.parameter, side)
                 jumps += 1
                 unlike += bool(np.abs(small.free - jump.after.free).max() > SAME)
@@ -394,7 +394,7 @@ up = load_sweep(Loading(model, lift), np.arange(0.0, 73.0, 2.0))
 down = load_sweep(Loading(model, lift), [72.0, 0.0], nodes=up.nodes[-1])
 print("snaps at", [round(jump.parameter, 3) for jump in up.jumps], "N, back at", round(down.jumps[0].parameter, 3), "N")
 
-known = states_at([*up.stretches, *down.stretches, *detours(up)], 40.0)
+known = states_at([*up.paths, *down.paths, *detours(up)], 40.0)
 found = SuddenLoads(up.equations).state(40.0, known)
 print(f"of {sum(p.stable for p in known)} stable states under 40 N, a sudden load reaches number {found.known}")
 steady = up.equations.loading.model_at(40.0, up.equations.nodes(found.point.free))

@@ -156,7 +156,7 @@ def summary(model: Model, sweeps: dict[str, steady_states.Sweep], behind: list[p
         jumps = "no jump" if not sweep.jumps else f"{len(sweep.jumps)} jumps" if len(sweep.jumps) > 1 else "1 jump"
         lines.append(f"  p = {first:g} to {last:g}: {quantity.name} from {start:z.6f} to {end:z.6f} m, {jumps}")
         for jump in sweep.jumps:
-            before, after = (quantity.of(sweep.stretches[0], point) for point in (jump.before, jump.after))
+            before, after = (quantity.of(sweep.paths[0], point) for point in (jump.before, jump.after))
             lines.append(f"    p = {jump.parameter:.9g}: {before:z.6f} to {after:z.6f} m, {WHY[jump.kind]}")
     for path in behind:
         kinds = [f"{p.kind} at p = {p.parameter:.9g}" for p in path.points[1:] if p.kind in ("limit", "branch")]
@@ -171,7 +171,7 @@ def _write(output: FilePath, loading, sweeps, behind, by_step: bool) -> None:
     nodes = [f"{model.node_names[i]}.{'xyz'[axis]}" for i in range(len(model.nodes)) for axis in model.axes]
     header = ["leg", "p", "stable", "kind", *nodes, *(f"{name}.elastic_force" for name in model.string_names)]
     legs = [
-        (name, sweep.equations, sweep.states if by_step else [p for path in sweep.stretches for p in path.points])
+        (name, sweep.equations, sweep.states if by_step else [p for path in sweep.paths for p in path.points])
         for name, sweep in sweeps.items()
     ]
     legs += [("behind", path.equations, path.points) for path in behind]

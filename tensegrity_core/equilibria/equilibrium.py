@@ -20,7 +20,7 @@ class Tangent(NamedTuple):
     """The equations at one configuration, along r orthonormal directions that keep the bars' lengths.
 
     basis: (n, r); pull: (r,) N, the unbalanced force; stiffness: (r, r) N/m; push: (r,) N, derivative of the pull by p;
-    growth: (S, n), derivatives of the strings' lengths by the free coordinates; stretch: (S,) m; tension: (S,) N.
+    growth: (S, n), derivatives of the strings' lengths by the free coordinates; elongation: (S,) m; tension: (S,) N.
     """
 
     basis: np.ndarray
@@ -28,7 +28,7 @@ class Tangent(NamedTuple):
     stiffness: np.ndarray
     push: np.ndarray
     growth: np.ndarray
-    stretch: np.ndarray
+    elongation: np.ndarray
     tension: np.ndarray
 
 
@@ -107,7 +107,7 @@ class Equations:
         padded[self._second[:, :, 0]] += self._lever_second * excess
         return padded[:-1]
 
-    def stretch(self, free: np.ndarray, parameter: float) -> np.ndarray:
+    def elongation(self, free: np.ndarray, parameter: float) -> np.ndarray:
         """(S,) m."""
         along = (self._strings @ free + self._string_offset).reshape(-1, self._shape[1])
         return np.sqrt(np.einsum("sd,sd->s", along, along)) - self.loading.rest_lengths(parameter)
@@ -118,8 +118,8 @@ class Equations:
         along = (self._members @ free + self._offset).reshape(-1, axes)
         squared = np.einsum("md,md->m", along, along)
         length, bar = np.sqrt(squared[:count]), along[count:]
-        stretch = length - self.loading.rest_lengths(parameter)
-        tension, stiffness = self.laws(stretch, piece)
+        elongation = length - self.loading.rest_lengths(parameter)
+        tension, stiffness = self.laws(elongation, piece)
         growth = ((along[:count] / length[:, None]).ravel()[:, None] * self._strings).reshape(count, axes, size).sum(axis=1)
         total = self.dead + parameter * self.live - tension @ growth
         felt = (self._bars @ total).reshape(bar.shape)
@@ -128,7 +128,7 @@ class Equations:
         full += (self._members.T * np.repeat(density, axes)) @ self._members
         basis = self._basis(bar, squared[count:])
         push = self.live + (stiffness * self.loading.rest_length_direction) @ growth if self._winding else self.live
-        return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, stretch, tension)
+        return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, elongation, tension)
 
     def _basis(self, bar: np.ndarray, squared: np.ndarray) -> np.ndarray:
         """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), shifts of those afloat and of nodes on
@@ -142,7 +142,9 @@ class Equations:
         basis[self._second, self._turning] = across
         return basis[:-1]
 
-    def energy(self, free: np.ndarray, parameter: float, stretch: np.ndarray | None = None) -> float:
-        """J: strings less the work of the loads, from the coordinates' origin.  stretch: (S,) m, where it is known."""
-        stretch = self.stretch(free, parameter) if stretch is None else stretch
-        return float(self.laws.energy(stretch, self.laws.piece_of(stretch)).sum() - (self.dead + parameter * self.live) @ free)
+    def energy(self, free: np.ndarray, parameter: float, elongation: np.ndarray | None = None) -> float:
+        """J: strings less the work of the loads, from the coordinates' origin.  elongation: (S,) m, where it is known."""
+        elongation = self.elongation(free, parameter) if elongation is None else elongation
+        return float(
+            self.laws.energy(elongation, self.laws.piece_of(elongation)).sum() - (self.dead + parameter * self.live) @ free
+        )

@@ -40,7 +40,7 @@ class Doubt(Exception):
 
 @dataclass
 class State:
-    """A stable equilibrium, or a limit point: unknowns z and their derivatives by p, (n+B,); stretch: (S,) m.
+    """A stable equilibrium, or a limit point: unknowns z and their derivatives by p, (n+B,); elongation: (S,) m.
 
     string: by whose elongation e the path is known, -1: none; reserve: N/m, of that string; rate, bow: dz/de and d2z/de2;
     lever: dp/de is the reserve over it; load_bow: d2p/de2; push: by how much dz/de grows with dp/de; bends: (S,) N/m2, slopes
@@ -51,7 +51,7 @@ class State:
     parameter: float
     laws: OnPieces
     tangent: np.ndarray
-    stretch: np.ndarray
+    elongation: np.ndarray
     curvature: np.ndarray | float = 0.0
     string: int = -1
     reserve: float = 0.0
@@ -76,12 +76,12 @@ class State:
         """z and p predicted for a change of p."""
         return self.z + p * (self.tangent + (0.5 * p) * self.curvature), self.parameter + p
 
-    def stretched(self, e: float) -> tuple[np.ndarray, float]:
+    def lengthened(self, e: float) -> tuple[np.ndarray, float]:
         """z and p predicted for a change of e."""
         half = 0.5 * e
         return self.z + e * (self.rate + half * self.bow), self.parameter + e * (self.load_rate + half * self.load_bow)
 
-    def elongation(self, p: float) -> float | None:
+    def lengthening(self, p: float) -> float | None:
         """The change of e predicted for a change of p; None where p does not get there."""
         rest = self.load_rate**2 + 2.0 * self.load_bow * p
         return 2.0 * p / (self.load_rate + np.copysign(np.sqrt(rest), self.load_rate)) if rest > 0.0 else None
@@ -93,7 +93,7 @@ class State:
         if self.string < 0 or other.string != self.string:
             part, first = p / span, span * self.tangent
         else:
-            e = float(other.stretch[self.string] - self.stretch[self.string])
+            e = float(other.elongation[self.string] - self.elongation[self.string])
             slope = self.load_rate * e  # p is slope t + (span - slope) t^2
             rest = np.sqrt(max(slope * slope + 4.0 * (span - slope) * p, 0.0))
             part, first = 2.0 * p / (slope + np.copysign(rest, slope)), e * self.rate
@@ -151,9 +151,9 @@ class LoadSteps:
         falls; None if there is none on the pieces that the strings have there."""
         laws = self.equations.laws
         self._here = self._limit = self._point = None
-        on = laws.on(laws.piece_of(self.equations.stretch(free, parameter) + TOUCH))  # at an end: the piece beyond
+        on = laws.on(laws.piece_of(self.equations.elongation(free, parameter) + TOUCH))  # at an end: the piece beyond
         state = self._to_load(self.saddle.start(free, parameter), parameter, on)
-        if state is None or ((state.stretch < on.lower - TOUCH) | (state.stretch > on.upper + TOUCH)).any():
+        if state is None or ((state.elongation < on.lower - TOUCH) | (state.elongation > on.upper + TOUCH)).any():
             return None
         try:
             self._here = self._watched(state, side) if len(on.curved) else state
@@ -176,7 +176,7 @@ class LoadSteps:
         found = saddle.solve()
         if found is None or not saddle.definite():
             raise Doubt
-        state = State(z, p, laws, found[1], saddle.stretch)
+        state = State(z, p, laws, found[1], saddle.elongation)
         return self._watched(state, way) if len(laws.curved) else state
 
     def _add(self, path: Path, state: State, kind: str) -> None:
@@ -216,7 +216,7 @@ class LoadSteps:
         found = saddle.bordered(saddle.direction(string))
         if found is None or not (saddle.definite() and found.pull[1] < 0.0):
             raise Doubt
-        return self._bent(self._known_by(string, found, state.z, state.parameter, state.laws, state.stretch))
+        return self._bent(self._known_by(string, found, state.z, state.parameter, state.laws, state.elongation))
 
     def _stepped(self, goal: float) -> tuple[State, str] | None:
         """The next state after a step that is short enough."""
@@ -234,43 +234,43 @@ class LoadSteps:
         """The next state if it lies within a change of p, with p = goal at its end."""
         here, predict, size, limit = self._here, self._here.moved, way, None
         if here.softens(way):
-            predict, size = here.stretched, here.elongation(way)
+            predict, size = here.lengthened, here.lengthening(way)
             if size is None:
                 size = -here.load_rate / here.load_bow
                 z, parameter = predict(size)
-                stretch = self.equations.stretch(z[: self._n], parameter)
-                if self._gone(stretch).any():
-                    found = self._first_end(predict, size, stretch, way, goal)
+                elongation = self.equations.elongation(z[: self._n], parameter)
+                if self._gone(elongation).any():
+                    found = self._first_end(predict, size, elongation, way, goal)
                     if found is not None:
                         return found
                 limit = self._limit = self._limit or self._limit_point(way)
                 if limit is None:
                     return self._nearer(size, way, goal)
-                size = float(limit.stretch[here.string] - here.stretch[here.string])
+                size = float(limit.elongation[here.string] - here.elongation[here.string])
         if limit is not None and (limit.parameter - goal) * way <= 0.0:
             found, kind = limit, "limit"
         else:
             z = predict(size)[0] if limit is None else here.towards(limit, goal)
-            stretch = self.equations.stretch(z[: self._n], goal)
-            if self._gone(stretch).any():
-                return self._first_end(predict, size, stretch, way, goal)
+            elongation = self.equations.elongation(z[: self._n], goal)
+            if self._gone(elongation).any():
+                return self._first_end(predict, size, elongation, way, goal)
             found, kind = self._load_beside(z, goal), ""
             if found is None:
                 return self._own_end(way, goal) if limit is None and here.softens(way) else None
-        if self._gone(found.stretch).any():
-            return self._first_end(predict, size, found.stretch, way, goal)
+        if self._gone(found.elongation).any():
+            return self._first_end(predict, size, found.elongation, way, goal)
         return found, kind
 
     def _own_end(self, way: float, goal: float) -> tuple[State, str] | None:
         """The kink where the softening string leaves its piece, or the load just before."""
         here, string = self._here, self._here.string
-        stretch = here.stretch.copy()
+        elongation = here.elongation.copy()
         longer = here.load_rate * way > 0.0
         end = float((here.laws.upper if longer else here.laws.lower)[string])
         if not np.isfinite(end):
             return None
-        stretch[string] = end + np.copysign(2.0 * TOUCH, end - stretch[string])
-        return self._first_end(here.stretched, end - float(here.stretch[string]), stretch, way, goal)
+        elongation[string] = end + np.copysign(2.0 * TOUCH, end - elongation[string])
+        return self._first_end(here.lengthened, end - float(here.elongation[string]), elongation, way, goal)
 
     def _load_beside(self, guess: np.ndarray, goal: float) -> State | None:
         found = self._to_load(guess, goal, self._here.laws)
@@ -281,19 +281,19 @@ class LoadSteps:
         here, n = self._here, self._n
         direction = here.rate[:n] / np.sqrt(here.rate[:n] @ here.rate[:n])
         for part in NEARER:
-            z, parameter = here.stretched(part * e)
+            z, parameter = here.lengthened(part * e)
             found = self._at_distance(z, parameter, here.laws, direction, float(direction @ z[:n]))
             if found is None or not found.tangent[:n] @ here.tangent[:n] > 0.0:
                 continue
             inside = (found.parameter - here.parameter) * way > 0.0 and (found.parameter - goal) * way < 0.0
-            if inside and not self._gone(found.stretch).any():
+            if inside and not self._gone(found.elongation).any():
                 return self._watched(found, way), ""
         raise Doubt
 
-    def _gone(self, stretch: np.ndarray) -> np.ndarray:
+    def _gone(self, elongation: np.ndarray) -> np.ndarray:
         """(S,) bool: strings past the ends of their pieces."""
         laws = self._here.laws
-        return (stretch < laws.lower - TOUCH) | (stretch > laws.upper + TOUCH)
+        return (elongation < laws.lower - TOUCH) | (elongation > laws.upper + TOUCH)
 
     def _near(self, found: State, guess: np.ndarray) -> bool:
         """Whether a state is near its prediction, and the path has turned little."""
@@ -306,33 +306,33 @@ class LoadSteps:
         along = a @ b + scale**2
         return along > 0.0 and along**2 > np.cos(3.0 * TURN) ** 2 * (a @ a + scale**2) * (b @ b + scale**2)
 
-    def _first_end(self, predict, size: float, stretch: np.ndarray, way: float, goal: float) -> tuple[State, str] | None:
+    def _first_end(self, predict, size: float, elongation: np.ndarray, way: float, goal: float) -> tuple[State, str] | None:
         """The kink where the first string leaves its piece, on the way to these elongations."""
         here, laws, parameter = self._here, self._here.laws, self._here.parameter
         tried: list[int] = []
-        gone = self._gone(stretch)
+        gone = self._gone(elongation)
         z, p = predict(0.5 * size)
-        middle = self.equations.stretch(z[: self._n], p)
+        middle = self.equations.elongation(z[: self._n], p)
         for _ in range(FIRST):
             strings = np.flatnonzero(gone)
             strings = strings[~np.isin(strings, tried)]
             if not len(strings):
                 return None
-            end = np.where(stretch > laws.upper, laws.upper, laws.lower)[strings]
-            part = _crossing(here.stretch[strings], middle[strings], stretch[strings], end)
+            end = np.where(elongation > laws.upper, laws.upper, laws.lower)[strings]
+            part = _crossing(here.elongation[strings], middle[strings], elongation[strings], end)
             first = int(np.argmin(part))
             string = int(strings[first])
             found = self._to_end(*predict(float(part[first]) * size), laws, string, float(end[first]))
             if found is None or (found.parameter - parameter) * way < 0.0:
                 return None
-            gone = self._gone(found.stretch)
+            gone = self._gone(found.elongation)
             if not gone.any():
                 if (found.parameter - goal) * way <= 0.0:
                     return self._flipped(found, way), "kink"
                 found = self._load_beside(here.towards(found, goal), goal)
-                return None if found is None or self._gone(found.stretch).any() else (found, "")
+                return None if found is None or self._gone(found.elongation).any() else (found, "")
             tried.append(string)
-            stretch = np.where(gone, found.stretch, stretch)
+            elongation = np.where(gone, found.elongation, elongation)
         return None
 
     # --- Newton's method
@@ -365,11 +365,11 @@ class LoadSteps:
             return None
         if not saddle.definite() or string >= 0 and not found.pull[1] < 0.0:
             return None
-        stretch = self.equations.stretch(z[:n], parameter)
+        elongation = self.equations.elongation(z[:n], parameter)
         if string < 0:
-            state = State(z, parameter, laws, found[1], stretch)
+            state = State(z, parameter, laws, found[1], elongation)
         else:
-            state = self._bent(self._known_by(string, found, z, parameter, laws, stretch))
+            state = self._bent(self._known_by(string, found, z, parameter, laws, elongation))
         here = self._here
         if string < 0 and here is not None and here.laws is laws and here.parameter != parameter:
             state.curvature = (state.tangent - here.tangent) / (parameter - here.parameter)
@@ -380,25 +380,25 @@ class LoadSteps:
         saddle, here, curved = self.saddle, self._here, laws.curved
         if here is None or here.laws is not laws or not len(curved):
             return -1
-        change = saddle.bend * (saddle.stretch[curved] - here.stretch[curved])
+        change = saddle.bend * (saddle.elongation[curved] - here.elongation[curved])
         worst = int(np.argmin(change))
         string = int(curved[worst])
         return string if change[worst] < -SOFTER * abs(saddle.stiffness[string]) else -1
 
-    def _known_by(self, string: int, found: Bordered, z, parameter: float, laws: OnPieces, stretch) -> State:
+    def _known_by(self, string: int, found: Bordered, z, parameter: float, laws: OnPieces, elongation) -> State:
         """A state known by a string's elongation, from the system bordered by it."""
         saddle, wound = self.saddle, self._wound[string]
         (pull, nu), reserve = found.pull, -found.pull[1]
         lever, push = found.push[1] + wound * nu, found.push[0] + wound * pull
         rate = reserve / lever * push + pull
-        bends = np.zeros(len(stretch))
+        bends = np.zeros(len(elongation))
         bends[laws.curved] = saddle.bend
         return State(
             z,
             parameter,
             laws,
             rate * (lever / reserve),
-            stretch,
+            elongation,
             0.0,
             string,
             reserve,
@@ -436,18 +436,21 @@ class LoadSteps:
             return None
         z, parameter, found = reached
         tangent = found.push[0] - found.push[1] / found.pull[1] * found.pull[0]
-        return State(z, parameter, laws, tangent, self.equations.stretch(z[:n], parameter))
+        return State(z, parameter, laws, tangent, self.equations.elongation(z[:n], parameter))
 
     def _to_end(self, z, parameter: float, laws: OnPieces, string: int, end: float) -> State | None:
         """The stable equilibrium at which a string has an elongation."""
         saddle = self.saddle
         reached = self._solved(
-            z, parameter, laws, lambda z: (saddle.direction(string), self._wound[string], end - float(saddle.stretch[string]))
+            z,
+            parameter,
+            laws,
+            lambda z: (saddle.direction(string), self._wound[string], end - float(saddle.elongation[string])),
         )
         if reached is None:
             return None
         z, parameter, found = reached
-        return self._known_by(string, found, z, parameter, laws, self.equations.stretch(z[: self._n], parameter))
+        return self._known_by(string, found, z, parameter, laws, self.equations.elongation(z[: self._n], parameter))
 
     def _solved(self, z, parameter: float, laws: OnPieces, condition):
         """Newton's method for a stable equilibrium under a condition on x and the parameter: (z, parameter, bordered solution), or
@@ -473,8 +476,8 @@ class LoadSteps:
 
     def _flipped(self, kink: State, way: float) -> State:
         """The state at a kink on the pieces of the way on.  Raises Doubt."""
-        laws, stretch, string = kink.laws, kink.stretch, kink.string
-        low, high = np.abs(stretch - laws.lower) <= TOUCH, np.abs(stretch - laws.upper) <= TOUCH
+        laws, elongation, string = kink.laws, kink.elongation, kink.string
+        low, high = np.abs(elongation - laws.lower) <= TOUCH, np.abs(elongation - laws.upper) <= TOUCH
         low[string] |= not high[string]
         touching = np.flatnonzero(low | high)
         piece = laws.piece.copy()
@@ -484,7 +487,7 @@ class LoadSteps:
         if len(touching) > 1:
             return self._anew(kink, new, touching, high, way)
         outward = 1.0 if high[string] else -1.0
-        _, stiffness, bend = self.equations.laws.one(string, int(piece[string]), float(stretch[string]))
+        _, stiffness, bend = self.equations.laws.one(string, int(piece[string]), float(elongation[string]))
         reserve = kink.reserve + stiffness - kink.stiffness
         if not (kink.load_rate * way * outward > 0.0 and reserve > 0.0):
             raise Doubt
@@ -506,7 +509,7 @@ class LoadSteps:
         found = saddle.bordered(saddle.direction(kink.string))
         if found is None or not (saddle.definite() and found.pull[1] < 0.0):
             raise Doubt
-        state = self._known_by(kink.string, found, kink.z, kink.parameter, laws, kink.stretch)
+        state = self._known_by(kink.string, found, kink.z, kink.parameter, laws, kink.elongation)
         change = saddle.stiffness[touching] - before
         rates = saddle.directions(touching) @ state.tangent[: self._n] - self._wound[touching]
         outward = np.where(high[touching], 1.0, -1.0) * way * rates
@@ -522,7 +525,7 @@ class LoadSteps:
         laws, e = here.laws, -here.load_rate / here.load_bow
         length = float(np.sqrt(here.rate[:n] @ here.rate[:n]))
         direction = here.rate[:n] / length
-        z, parameter = here.stretched(e)
+        z, parameter = here.lengthened(e)
         before = 0.0, here.load_rate / length
         for _ in range(ROOT):
             saddle.at(z, parameter, laws)
@@ -547,5 +550,5 @@ class LoadSteps:
             return None
         if not saddle.definite() or (parameter - here.parameter) * way < 0.0:
             return None
-        rate, stretch = slope * found.push[0] + found.pull[0], self.equations.stretch(z[:n], parameter)
-        return State(z, parameter, laws, rate, stretch, string=here.string, rate=rate)
+        rate, elongation = slope * found.push[0] + found.pull[0], self.equations.elongation(z[:n], parameter)
+        return State(z, parameter, laws, rate, elongation, string=here.string, rate=rate)

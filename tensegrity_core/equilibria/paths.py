@@ -86,7 +86,7 @@ class Path:
 
 
 def between(equations: Equations, scale: float, before: Point, after: Point, parameter: float) -> Point:
-    """The equilibrium at p between two neighbouring points: Newton's method at that p; where this leaves the stretch
+    """The equilibrium at p between two neighbouring points: Newton's method at that p; where this leaves the part
     between the points, as it may beside a limit point, a root along the arc."""
     span = after.parameter - before.parameter
     part = 0.0 if span == 0.0 else (parameter - before.parameter) / span
@@ -174,12 +174,12 @@ class _Follower:
     def _arrival(self, base: Point, trial: Point) -> Point | None:
         """The kink at which the first string leaves its piece between the two points, or `trial` where none does; None
         where a string leaves, but its kink is not found."""
-        end = self.equations.stretch(trial.free, trial.parameter)
+        end = self.equations.elongation(trial.free, trial.parameter)
         lower, upper = self.equations.laws.ends(base.piece)
         gone = (end < lower - TOUCH) | (end > upper + TOUCH)
         if not gone.any():
             return trial
-        start, tried = self.equations.stretch(base.free, base.parameter), set()
+        start, tried = self.equations.elongation(base.free, base.parameter), set()
         while gone.any():
             goal = np.where(end > upper, upper, lower)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -193,11 +193,11 @@ class _Follower:
             if found is None:
                 continue
             free, parameter, _ = found
-            stretch = self.equations.stretch(free, parameter)
-            beyond = (stretch < lower - TOUCH) | (stretch > upper + TOUCH)
+            elongation = self.equations.elongation(free, parameter)
+            beyond = (elongation < lower - TOUCH) | (elongation > upper + TOUCH)
             if not beyond.any():
-                return self._kink(base, trial, part[first], free, parameter, stretch)
-            end, gone = np.where(beyond, stretch, end), beyond
+                return self._kink(base, trial, part[first], free, parameter, elongation)
+            end, gone = np.where(beyond, elongation, end), beyond
         return trial
 
     def _at_end(self, base: Point, trial: Point, part: float, string: int, goal: float):
@@ -210,11 +210,11 @@ class _Follower:
             return None
         return found
 
-    def _kink(self, base, trial, part, free, parameter, stretch) -> Point:
+    def _kink(self, base, trial, part, free, parameter, elongation) -> Point:
         """The point with the pieces, and the tangent, of the way on."""
         lower, upper = self.equations.laws.ends(base.piece)
-        low = np.flatnonzero(np.abs(stretch - lower) <= TOUCH)
-        high = np.flatnonzero(np.abs(stretch - upper) <= TOUCH)
+        low = np.flatnonzero(np.abs(elongation - lower) <= TOUCH)
+        high = np.flatnonzero(np.abs(elongation - upper) <= TOUCH)
         touching = np.concatenate([low, high])
         below = base.piece.copy()
         below[low] -= 1
@@ -261,7 +261,7 @@ class _Follower:
         equations, above = self.equations, below.copy()
         above[touching] += 1
         base = equations.at(free, parameter, below)
-        gain = ups * (equations.laws(base.stretch, above)[1] - equations.laws(base.stretch, below)[1])[touching]
+        gain = ups * (equations.laws(base.elongation, above)[1] - equations.laws(base.elongation, below)[1])[touching]
         wound = equations.loading.rest_length_direction[touching]
         growth = base.growth[touching] @ base.basis
         matrix = np.repeat(bordered(base, self.scale, along)[None], len(ups), axis=0)
@@ -279,7 +279,7 @@ class _Follower:
     # --- limit and branch points
 
     def _special(self, base: Point, trial: Point) -> list[Point] | None:
-        """Limit and branch points between two points of a smooth stretch, in order of arc; None where one is not found."""
+        """Limit and branch points between two points of a smooth part, in order of arc; None where one is not found."""
         end = trial if trial.kind != "kink" else self._before(base, trial)
         found = []
         if base.direction[-1] * end.direction[-1] < 0.0:
@@ -296,7 +296,7 @@ class _Follower:
         return sorted(found, key=lambda p: p.arc)
 
     def _before(self, base: Point, kink: Point) -> Point:
-        """A kink as the end of the stretch that leads to it."""
+        """A kink as the end of the part that leads to it."""
         tangent = self.equations.at(kink.free, kink.parameter, base.piece)
         found = _point(self.equations, self.scale, kink.free, kink.parameter, tangent, base.piece, base.direction, kink.arc, "")
         return found if found is not None else kink
@@ -349,7 +349,7 @@ def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: f
     """
     free = equations.moved(equations.free(nodes), np.zeros(equations.size))
     hold = np.append(np.zeros(equations.size), 1.0)
-    piece = equations.laws.piece_of(equations.stretch(free, parameter) + TOUCH)  # at an end: the piece beyond
+    piece = equations.laws.piece_of(equations.elongation(free, parameter) + TOUCH)  # at an end: the piece beyond
     for _ in range(20):  # the start may lie on a neighbouring piece
         solved = newton(equations, scale, free, parameter, piece, hold, 1e-12)
         if solved is None:
@@ -359,7 +359,7 @@ def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: f
             if _resisted(point):
                 return point
             break
-        piece = equations.laws.piece_of(equations.stretch(solved[0], parameter))
+        piece = equations.laws.piece_of(equations.elongation(solved[0], parameter))
     raise PathError(
         f"{equations.model.name}: no isolated equilibrium at p = {parameter!r} beside the start; "
         "settle the structure first, and fix enough nodes"
@@ -443,6 +443,6 @@ def branches(path: Path, point: Point) -> list[Point]:
 
 def inside(equations: Equations, point: Point) -> bool:
     """Whether every string is on the piece that it is said to be on."""
-    stretch = equations.stretch(point.free, point.parameter)
+    elongation = equations.elongation(point.free, point.parameter)
     lower, upper = equations.laws.ends(point.piece)
-    return bool(((stretch >= lower - TOUCH) & (stretch <= upper + TOUCH)).all())
+    return bool(((elongation >= lower - TOUCH) & (elongation <= upper + TOUCH)).all())

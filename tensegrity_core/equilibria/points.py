@@ -117,7 +117,7 @@ def newton(equations, scale, free, parameter, piece, row, settled, event=None, l
         if event is not None:
             string, goal = event
             row = np.append(tangent.growth[string], -equations.loading.rest_length_direction[string] / scale)
-            right[-1] = goal - tangent.stretch[string]
+            right[-1] = goal - tangent.elongation[string]
         step = _solved(bordered(tangent, scale, row), right, least)
         if step is None:
             return None

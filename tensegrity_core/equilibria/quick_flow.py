@@ -92,8 +92,8 @@ class _Flow:
         stiffness = saddle.curvature(direction)
         slowness = max(pace, -GROWTH / (GROWTH - 1.0) * stiffness)
         narrow = self._narrow * (FALLING if stiffness < 0.0 else RISING)
-        stretch = saddle.stretch[self._beams]
-        before = np.maximum(stretch, 0.0)
+        elongation = saddle.elongation[self._beams]
+        before = np.maximum(elongation, 0.0)
         while slowness < SHORTEST * self._stiffest:
             step = saddle.flow(slowness)
             if step is None or not saddle.definite():
@@ -101,7 +101,7 @@ class _Flow:
                 continue
             size = float(np.abs(step[:n]).max()) / self._longest
             if len(narrow):
-                after = np.maximum(stretch + saddle.directions(self._beams) @ step[:n], 0.0)  # slack, it may go far
+                after = np.maximum(elongation + saddle.directions(self._beams) @ step[:n], 0.0)  # slack, it may go far
                 size = max(size, float((np.abs(after - before) / narrow).max()))
             if size <= 1.0 or mends:
                 self.slowness, self.size = slowness, size

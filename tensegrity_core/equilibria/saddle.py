@@ -45,7 +45,7 @@ class Bordered(NamedTuple):
 class Saddle:
     """The system at one configuration after the other, in arrays that stay where they are.
 
-    size: n+B.  After `at`: laws; stretch (S,) m, tension (S,) N, stiffness (S,) N/m and bend (C,) N/m2 of the strings.
+    size: n+B.  After `at`: laws; elongation (S,) m, tension (S,) N, stiffness (S,) N/m and bend (C,) N/m2 of the strings.
     """
 
     def __init__(self, equations: Equations):
@@ -84,8 +84,8 @@ class Saddle:
         along = (self._members @ free + self._offset).reshape(self._shape)
         string, bar = along[:count], along[count:]
         length = np.sqrt(np.einsum("sd,sd->s", string, string))
-        stretch = length - e.loading.rest_lengths(parameter)
-        tension, _, _ = e.laws.on(e.laws.piece_of(stretch))(stretch)
+        elongation = length - e.loading.rest_lengths(parameter)
+        tension, _, _ = e.laws.on(e.laws.piece_of(elongation))(elongation)
         total = e.dead + parameter * e.live - ((tension / length)[:, None] * string).ravel() @ e._strings
         felt = (e._bars @ total).reshape(bar.shape)
         bars = np.einsum("bd,bd->b", bar, felt) / (e._free_ends * np.einsum("bd,bd->b", bar, bar))
@@ -101,12 +101,12 @@ class Saddle:
         vectors = along.reshape(self._shape)
         squared = np.einsum("md,md->m", vectors, vectors)
         self.length = length = np.sqrt(squared[:count])
-        self.stretch = length - loading.rest_lengths(parameter)
+        self.elongation = length - loading.rest_lengths(parameter)
         if laws is None:
             known = self.equations.laws
-            laws = known.on(known.piece_of(self.stretch))
+            laws = known.on(known.piece_of(self.elongation))
         self.laws = laws
-        self.tension, self.stiffness, self.bend = laws(self.stretch)
+        self.tension, self.stiffness, self.bend = laws(self.elongation)
         density, strings = self._density, self._rows[:count]
         density[:count] = self.tension / length
         density[count:] = z[n:]

@@ -52,12 +52,12 @@ class Jump(NamedTuple):
 
 @dataclass
 class Sweep:
-    """What a slow load does: the steady state at each parameter asked for, the stable stretches of path, the jumps."""
+    """What a slow load does: the steady state at each parameter asked for, the stable paths, the jumps."""
 
     equations: Equations
     parameters: np.ndarray
     states: list[Point] = field(default_factory=list)
-    stretches: list[Path] = field(default_factory=list)
+    paths: list[Path] = field(default_factory=list)
     jumps: list[Jump] = field(default_factory=list)
 
     @property
@@ -102,7 +102,7 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps:
     here = here._replace(direction=here.direction * (side * np.sign(here.direction[-1])), arc=0.0)
     while done < len(goals):
         path = Path(equations, scale, [here])
-        sweep.stretches.append(path)
+        sweep.paths.append(path)
         while not path.end and done < len(goals):
             path.end = steps.advance(path, goals[done]) if steps else ""
             if not path.end:
@@ -183,7 +183,7 @@ class FlowSurface(statics.Surface):
         self.equations, self.parameter = equations, parameter
         self._far = PART_OF_BAR * float(model.bar_length.min())
         self._narrow = PART_OF_BEAM * equations.laws.narrow
-        self._trial = self._stretch = None
+        self._trial = self._elongation = None
 
     def gone(self, free: np.ndarray) -> float:
         return float(np.abs(free - self.equations.free(self.model.nodes)).max())
@@ -193,9 +193,9 @@ class FlowSurface(statics.Surface):
         if np.abs(step).max(initial=0.0) > self._far:
             return False
         trial = self.equations.moved(free, step)
-        stretch = self.equations.stretch(trial, self.parameter)
-        self._trial = step, trial, stretch
-        change = np.maximum(stretch, 0.0) - np.maximum(self._stretch, 0.0)
+        elongation = self.equations.elongation(trial, self.parameter)
+        self._trial = step, trial, elongation
+        change = np.maximum(elongation, 0.0) - np.maximum(self._elongation, 0.0)
         return bool((np.abs(change) <= self._narrow).all())
 
     def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -206,9 +206,9 @@ class FlowSurface(statics.Surface):
         return self.equations.energy(free, self.parameter, known)
 
     def at(self, free: np.ndarray) -> statics.SurfacePoint:
-        self._stretch = self.equations.stretch(free, self.parameter)
-        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(self._stretch))
-        energy = self.equations.energy(free, self.parameter, self._stretch)
+        self._elongation = self.equations.elongation(free, self.parameter)
+        tangent = self.equations.at(free, self.parameter, self.equations.laws.piece_of(self._elongation))
+        energy = self.equations.energy(free, self.parameter, self._elongation)
         return statics.SurfacePoint(energy, tangent.basis, tangent.pull, statics.Modes(tangent.stiffness))
 
 
@@ -217,7 +217,7 @@ def detours(sweep: Sweep, most_points: int = 100) -> list[Path]:
     is stable again, at a branch point every path that leaves it.  Each ends at the sweep's parameters or with so many
     points; one that cannot be followed at all is left out."""
     found = []
-    for path in sweep.stretches:
+    for path in sweep.paths:
         if path.end in ("limit", "branch") and len(path.points) > 1:
             ways = [(path.points[-2]._replace(arc=0.0), "stable" if path.end == "limit" else "")]
             if path.end == "branch":

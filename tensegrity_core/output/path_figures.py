@@ -57,8 +57,8 @@ def curve(path: Path, quantity: Quantity, fine: int = FINE) -> tuple[np.ndarray,
 
 
 def draw_sweep(axes: Axes, sweep: Sweep, quantity: Quantity, colour: str, label: str) -> None:
-    """The stable stretches of a slow load, and its jumps."""
-    for i, path in enumerate(sweep.stretches):
+    """The stable paths of a slow load, and its jumps."""
+    for i, path in enumerate(sweep.paths):
         parameter, value = curve(path, quantity)
         axes.plot(value, parameter, "-", color=colour, linewidth=1.8, label=label if i == 0 else None)
     for jump in sweep.jumps:
@@ -66,7 +66,7 @@ def draw_sweep(axes: Axes, sweep: Sweep, quantity: Quantity, colour: str, label:
 
 
 def _draw_jump(axes: Axes, sweep: Sweep, jump: Jump, quantity: Quantity, colour: str) -> None:
-    path = sweep.stretches[0]
+    path = sweep.paths[0]
     start, end = (quantity.of(path, point) for point in (jump.before, jump.after))
     style = {"arrowstyle": "->", "color": colour, "linewidth": 0.8, "linestyle": ":", "shrinkA": 0.0, "shrinkB": 0.0}
     axes.annotate("", (end, jump.after.parameter), (start, jump.parameter), arrowprops=style)

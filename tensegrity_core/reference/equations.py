@@ -66,21 +66,21 @@ def lengths(squares):
     return np.sqrt(squares + TINY)
 
 
-def elastic_tension(stretch, k, curves=()):
-    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  stretch: xi - xi0, m; k (S,): stiffness, 0 where slack, N/m; curves: (string,
-    force over stretch) of the strings that are no plain springs, on the pieces of their curves that they use."""
-    f = k * stretch
+def elastic_tension(elongation, k, curves=()):
+    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  elongation: xi - xi0, m; k (S,): stiffness, 0 where slack, N/m; curves: (string,
+    force over elongation) of the strings that are no plain springs, on the pieces of their curves that they use."""
+    f = k * elongation
     for j, force in curves:
-        f[j] = force(stretch.item(j))
+        f[j] = force(elongation.item(j))
     return f
 
 
-def damping_tension(stretch_rate, d, curves=()):
+def damping_tension(elongation_rate, d, curves=()):
     """f_d (S,) N: eta xi of eq. 3, or eq. 10, on taut strings only.  d (S,): coefficients, 0 where slack, N s/m; curves:
     (string, force over rate) of the taut strings whose dampers are not linear."""
-    f = d * stretch_rate
+    f = d * elongation_rate
     for j, force in curves:
-        f[j] = force(stretch_rate.item(j))
+        f[j] = force(elongation_rate.item(j))
     return f
 
 

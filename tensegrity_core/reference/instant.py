@@ -60,12 +60,12 @@ class Mode(NamedTuple):
 
 
 class Strings(NamedTuple):
-    """Per string at one instant: S (3, S), xi, stretch xi - xi0, its rate, elastic tension, tension before clipping,
+    """Per string at one instant: S (3, S), xi, elongation xi - xi0, its rate, elastic tension, tension before clipping,
     tension; m, m/s, N."""
 
     S: np.ndarray
     xi: np.ndarray
-    stretch: np.ndarray
+    elongation: np.ndarray
     rate: np.ndarray
     elastic: np.ndarray
     unclipped: np.ndarray
@@ -101,11 +101,11 @@ def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=
 
 def _strings(s: Structure, load: Load, mode: Mode, t: float, S, xi, xi_rate, winding) -> Strings:
     xi0, xi0_rate = rest_lengths(s, load, t, winding)
-    stretch = xi - xi0
+    elongation = xi - xi0
     rate = xi_rate - xi0_rate
-    elastic = elastic_tension(stretch, mode.k, mode.curves)
+    elastic = elastic_tension(elongation, mode.k, mode.curves)
     unclipped = elastic + damping_tension(rate, mode.d, mode.damper_curves)
-    return Strings(S, xi, stretch, rate, elastic, unclipped, unclipped * mode.pulls)
+    return Strings(S, xi, elongation, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
 def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True) -> Motion:
@@ -161,7 +161,7 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
 
 
-def elastic_energy(s: Structure, stretch, branches: dict | None = None) -> float:
+def elastic_energy(s: Structure, elongation, branches: dict | None = None) -> float:
     """Energy stored in the strings, J.  branches: string -> Branch of those with memory."""
     k, carriers, elements = s.model.stiffness, dict(s.honeycombs), dict(s.elements)
 
@@ -172,7 +172,7 @@ def elastic_energy(s: Structure, stretch, branches: dict | None = None) -> float
             return elements[j].energy(x, k[j])
         return branches[j].energy(x) if branches and j in branches else 0.5 * k[j] * max(x, 0.0) ** 2
 
-    return sum(stored(j, x) for j, x in enumerate(stretch.tolist()))
+    return sum(stored(j, x) for j, x in enumerate(elongation.tolist()))
 
 
 def kinetic_energy(s: Structure, Ndot, winding=NO_WINDING) -> float:
@@ -189,10 +189,10 @@ def on_constraints(s: Structure, N, Ndot):
     """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only."""
     B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
     l2 = diagonal(B, B)
-    stretch = s.model.bar_length / np.sqrt(l2) - 1.0
+    change = s.model.bar_length / np.sqrt(l2) - 1.0
     along = diagonal(B, Bdot) / l2
     # The velocity's projection is unchanged by the position's, which keeps the bar's direction.
-    return N + (B * stretch).dot(s.arms), Ndot - (B * along).dot(s.arms)
+    return N + (B * change).dot(s.arms), Ndot - (B * along).dot(s.arms)
 
 
 def drift(s: Structure, N, Ndot) -> float:
@@ -249,8 +249,8 @@ def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:
     """(3, S) how far each string is from the lower end of its piece, from the upper end (m), and from being clipped or
     released (N); a transition is due where a gap becomes negative."""
     found = np.full((3, len(mode.piece)), np.inf)
-    found[0] = strings.stretch - mode.lower
-    found[1] = mode.upper - strings.stretch
+    found[0] = strings.elongation - mode.lower
+    found[1] = mode.upper - strings.elongation
     if s.model.damping_law == "tension_only":
         sign = np.where(mode.clipped, -1.0, 1.0)
         found[2] = np.where(mode.piece > 0, sign * strings.unclipped, np.inf)

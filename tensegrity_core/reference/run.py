@@ -198,7 +198,7 @@ class _Run:
         """The strings at y."""
         return strings_at(self.s, self.load, mode, t, *self.unpack(t, y), self.winding(y))
 
-    def stretch_acceleration(self, t, y, mode: Mode):
+    def elongation_acceleration(self, t, y, mode: Mode):
         """(S,) m/s2: second derivative of xi - xi0."""
         N, Ndot = self.unpack(t, y)
         S, xi, xi_rate = string_motion(N, Ndot, self.s.C_s)
@@ -211,7 +211,7 @@ class _Run:
 
     def energy(self, t, y, mode: Mode) -> float:
         """What inputs can change at once: the strings' energy and, with moved nodes, that of bars and point masses, J."""
-        stored = elastic_energy(self.s, self.strings(t, y, mode).stretch, mode.branches)
+        stored = elastic_energy(self.s, self.strings(t, y, mode).elongation, mode.branches)
         if len(self.s.moved.nodes):
             N, Ndot = self.unpack(t, y)
             stored += kinetic_energy(self.s, Ndot, self.winding(y)) + potential_energy(self.s, N)
@@ -298,7 +298,7 @@ class _Run:
         end, pending, stalled = rows[-1], rows[::-1], 0
         while t < end:
             t_before = t
-            t, y, due = self._smooth_stretch(mode, t, y, end, pending)
+            t, y, due = self._smooth_run(mode, t, y, end, pending)
             self.stats["restarts"] += 1
             if due is not None:
                 changed, losses = self._after(mode, t, y, due)
@@ -314,7 +314,7 @@ class _Run:
             self._record(pending.pop(), y, mode)
         return y, mode
 
-    def _smooth_stretch(self, mode: Mode, t: float, y, end: float, pending: list[float]):
+    def _smooth_run(self, mode: Mode, t: float, y, end: float, pending: list[float]):
         """Integrate under one mode until the end, a transition, or too much drift.
 
         Records the rows on the way (popped from pending, which is in falling order).
@@ -465,18 +465,18 @@ class _Run:
 
         At the end of a branch a string goes where its rate leads, or its acceleration if it is at rest.
         """
-        stretch, branches, losses = self.strings(t, y, mode).stretch, {}, {}
+        elongation, branches, losses = self.strings(t, y, mode).elongation, {}, {}
         for j, branch in mode.branches.items():
-            branches[j], events = self._snapping(t, follow, branch, stretch.item(j))
+            branches[j], events = self._snapping(t, follow, branch, elongation.item(j))
             losses[j] = sum(event.loss for event in events)
         mode = mode_of(self.s, mode.piece, mode.clipped, branches)
         rates = self.strings(t, y, mode).rate
-        for j, x in enumerate(stretch.tolist()):
+        for j, x in enumerate(elongation.tolist()):
             if j not in branches or mode.lower[j] + TOGETHER[0] < x < mode.upper[j] - TOGETHER[0]:
                 continue
             leads = rates.item(j)
             if abs(leads) < AT_REST:
-                leads = self.stretch_acceleration(t, y, mode).item(j)
+                leads = self.elongation_acceleration(t, y, mode).item(j)
             if leads > 0.0 and x >= mode.upper[j] - TOGETHER[0]:
                 after, loss = self._snapping(t, branches[j].above)
             elif x <= mode.lower[j] + TOGETHER[0]:
@@ -498,15 +498,15 @@ class _Run:
         mode, losses = self._followed(t, y, mode) if mode.branches else (mode, {})
         strings = self.strings(t, y, mode)
         near = TOGETHER[0]
-        inside = (strings.stretch > mode.lower + near) & (strings.stretch < mode.upper - near)
+        inside = (strings.elongation > mode.lower + near) & (strings.elongation < mode.upper - near)
         if not inside.all():
-            down = np.array([np.searchsorted(e, x - near) for e, x in zip(self.s.breakpoints, strings.stretch)])
-            up = np.array([np.searchsorted(e, x + near) for e, x in zip(self.s.breakpoints, strings.stretch)])
+            down = np.array([np.searchsorted(e, x - near) for e, x in zip(self.s.breakpoints, strings.elongation)])
+            up = np.array([np.searchsorted(e, x + near) for e, x in zip(self.s.breakpoints, strings.elongation)])
             leads, unclipped = strings.rate, mode.clipped & inside
             resting = (np.abs(strings.rate) < AT_REST) & (up > down)
             if resting.any():
                 lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped, mode.branches)
-                leads = np.where(resting, self.stretch_acceleration(t, y, lowest), leads)
+                leads = np.where(resting, self.elongation_acceleration(t, y, lowest), leads)
             piece = np.where(inside, mode.piece, np.where(leads > 0.0, up, down))
             mode = mode_of(self.s, piece, unclipped, mode.branches)
         if self.s.model.damping_law == "tension_only":
@@ -558,7 +558,7 @@ class _Run:
                 motor_speed=winding[1],
                 kinetic=kinetic_energy(s, Ndot, winding),
                 potential=potential_energy(s, N),
-                elastic=elastic_energy(s, strings.stretch, mode.branches),
+                elastic=elastic_energy(s, strings.elongation, mode.branches),
                 input_work=y[-3],
                 dissipated=y[-2],
                 throughput=y[-1],

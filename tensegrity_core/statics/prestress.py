@@ -86,14 +86,14 @@ def rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray:
             continue
         pull = float(tension[i])
         try:
-            stretch = string_elongation(model, i, pull)
+            elongation = string_elongation(model, i, pull)
         except (InputError, hysteresis.NoStableState) as failure:
             key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
             raise scene.error(key, *two_parts(failure)) from None
-        rest_length[i] = length[i] - stretch
+        rest_length[i] = length[i] - elongation
         if rest_length[i] < 0.0:
             key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
-            problem = f"a tension of {pull:.6g} N stretches the string by {stretch:.6g} m, more than its length"
+            problem = f"a tension of {pull:.6g} N stretches the string by {elongation:.6g} m, more than its length"
             raise scene.error(key, problem, "Lower the tension or raise the stiffness.")
     return rest_length
 

@@ -18,20 +18,20 @@ def string_tension(model: Model, length: np.ndarray, branches: Branches | None =
 
     branches: where strings with memory come from, on a continuous way; without, they are stretched from slack.
     """
-    stretch = _stretch(model, length)
-    return _with_laws(model, model.stiffness * stretch, "force", stretch, branches)
+    elongation = _taut_elongation(model, length)
+    return _with_laws(model, model.stiffness * elongation, "force", elongation, branches)
 
 
 def string_stiffness(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) N/m: derivative of the elastic tension by the length; 0 for a slack string."""
-    stretch = _stretch(model, length)
-    return _with_laws(model, np.where(stretch > 0.0, model.stiffness, 0.0), "stiffness", stretch, branches)
+    elongation = _taut_elongation(model, length)
+    return _with_laws(model, np.where(elongation > 0.0, model.stiffness, 0.0), "stiffness", elongation, branches)
 
 
 def string_energy(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) J: energy stored in every string at these lengths (S,), m."""
-    stretch = _stretch(model, length)
-    return _with_laws(model, 0.5 * model.stiffness * stretch**2, "energy", stretch, branches)
+    elongation = _taut_elongation(model, length)
+    return _with_laws(model, 0.5 * model.stiffness * elongation**2, "energy", elongation, branches)
 
 
 def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
@@ -39,10 +39,10 @@ def string_branches(model: Model, length: np.ndarray, branches: Branches | None 
     return _branches(model, length - model.rest_length, branches)
 
 
-def _branches(model: Model, stretch: np.ndarray, before: Branches | None) -> Branches:
+def _branches(model: Model, elongation: np.ndarray, before: Branches | None) -> Branches:
     if before is None:
         before = {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in model.memories.items()}
-    return {i: hysteresis.follow(branch, float(stretch[i]))[0] for i, branch in before.items()}
+    return {i: hysteresis.follow(branch, float(elongation[i]))[0] for i, branch in before.items()}
 
 
 def string_elongation(model: Model, i: int, force: float) -> float:
@@ -55,16 +55,16 @@ def string_elongation(model: Model, i: int, force: float) -> float:
     return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
 
 
-def _stretch(model: Model, length: np.ndarray) -> np.ndarray:
+def _taut_elongation(model: Model, length: np.ndarray) -> np.ndarray:
     return np.maximum(length - model.rest_length, 0.0)
 
 
-def _with_laws(model: Model, linear: np.ndarray, what: str, stretch: np.ndarray, branches: Branches | None) -> np.ndarray:
+def _with_laws(model: Model, linear: np.ndarray, what: str, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:
     """The linear strings' values, with `what` (force, stiffness or energy) of all others put in."""
     for i in model.plain_nsh_strings:
-        linear[i] = getattr(nsh_law, what)(model.nsh[i], float(stretch[i]), float(model.stiffness[i]))
+        linear[i] = getattr(nsh_law, what)(model.nsh[i], float(elongation[i]), float(model.stiffness[i]))
     for i, element in model.laws.items():
-        linear[i] = getattr(laws.law(element), what)(float(stretch[i]), float(model.stiffness[i]))
-    for i, branch in _branches(model, stretch, branches).items():
-        linear[i] = getattr(branch, what)(float(stretch[i]))
+        linear[i] = getattr(laws.law(element), what)(float(elongation[i]), float(model.stiffness[i]))
+    for i, branch in _branches(model, elongation, branches).items():
+        linear[i] = getattr(branch, what)(float(elongation[i]))
     return linear

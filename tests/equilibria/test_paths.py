@@ -246,7 +246,7 @@ def test_tangent_stiffness_is_that_of_the_statics():
         model, loading = lifted(name)
         equations = Equations(loading)
         free = equations.free(model.nodes)
-        tangent = equations.at(free, 0.0, equations.laws.piece_of(equations.stretch(free, 0.0)))
+        tangent = equations.at(free, 0.0, equations.laws.piece_of(equations.elongation(free, 0.0)))
         expected = statics.tangent_stiffness(model)
         np.testing.assert_allclose(np.linalg.eigvalsh(tangent.stiffness), expected, rtol=0, atol=1e-9 * expected[-1])
 
@@ -297,7 +297,7 @@ def test_load_steps_and_large_steps_of_the_flow_change_nothing(name):
         for jump, expected in zip(one.jumps, other.jumps):
             assert jump.parameter == jump.before.parameter == pytest.approx(expected.parameter, rel=1e-10)
             np.testing.assert_allclose(jump.after.free, expected.after.free, rtol=0, atol=1e-9)
-        for path in one.stretches:
+        for path in one.paths:
             assert all(point.stable for point in path.points[:-1]) and path.points[-1].kind == path.end.replace("to", "")
             for point in path.points:
                 tangent = path.equations.at(point.free, point.parameter, point.piece)
@@ -321,7 +321,7 @@ def test_sudden_load_comes_to_rest_where_the_dynamics_does(name, loads):
     up = steady_states.load_sweep(loading, LOADS)
     suddenly, kernel = sudden.SuddenLoads(up.equations), Kernel(model)
     for load in loads:
-        known = sudden.states_at([*up.stretches, *steady_states.detours(up)], load)
+        known = sudden.states_at([*up.paths, *steady_states.detours(up)], load)
         found = suddenly.state(load, known)
         kernel["force"][:] = up.equations.free(loading.forces(load))
         kernel.initialize()

@@ -144,8 +144,8 @@ def random_state(model: Model, seed: int):
     return N, velocity, np.where(model.fixed[:, None], 0.0, rng.normal(size=N.shape))
 
 
-def taut_mode(s: structures.Structure, stretch):
-    return instant.mode_of(s, (stretch > 0.0).astype(int), np.zeros(len(stretch), dtype=bool))
+def taut_mode(s: structures.Structure, elongation):
+    return instant.mode_of(s, (elongation > 0.0).astype(int), np.zeros(len(elongation), dtype=bool))
 
 
 @pytest.mark.parametrize(
@@ -162,8 +162,8 @@ def test_matrix_form_agrees_with_per_bar_equations(model, seed):
     for j, (first, second) in enumerate(model.strings):
         s, sdot = N[second] - N[first], V[second] - V[first]
         xi = math.sqrt(s @ s)
-        stretch = xi - model.rest_length[j]
-        T = model.stiffness[j] * stretch + model.damping[j] * (s @ sdot / xi - rates[j]) if stretch > 0.0 else 0.0
+        elongation = xi - model.rest_length[j]
+        T = model.stiffness[j] * elongation + model.damping[j] * (s @ sdot / xi - rates[j]) if elongation > 0.0 else 0.0
         end_forces[first] += T * s / xi
         end_forces[second] -= T * s / xi
         lengths.append(xi)
@@ -290,7 +290,7 @@ def slider(velocity, rest, law="literal", d=8.0, k=400.0):
 
 
 def sliding(rest, v, d, k, t):
-    """Elongation of the slider's string from stretch 1 - rest >= 0 at speed v, while taut; m = 1 kg, underdamped."""
+    """Elongation of the slider's string from elongation 1 - rest >= 0 at speed v, while taut; m = 1 kg, underdamped."""
     x, decay = 1.0 - rest, 0.5 * d
     omega = math.sqrt(k - decay * decay)
     return math.exp(-decay * t) * (x * np.cos(omega * t) + (v + decay * x) / omega * np.sin(omega * t))

@@ -413,14 +413,14 @@ def test_position_jump_carries_the_bar_along_without_impulse():
     moved = replace(model, nodes=alone.position[1] + [shift, shift, 0.0 * shift], velocity=alone.velocity[1], moving=())
     after = reference.simulate(moved, held(moved, grid(0.2, 0.1)), **TIGHT)
     np.testing.assert_allclose(result.position[2:], after.position[1:], rtol=0.0, atol=1e-10)
-    stretch = np.linalg.norm(np.diff(np.stack([alone.position[1], moved.nodes])[:, 1:], axis=1), axis=2)[:, 0] - 0.1
-    work = 25.0 * (stretch[1] ** 2 - stretch[0] ** 2) + 9.81 * (1.0 + 0.3 + 0.5) * shift[2]
+    elongation = np.linalg.norm(np.diff(np.stack([alone.position[1], moved.nodes])[:, 1:], axis=1), axis=2)[:, 0] - 0.1
+    work = 25.0 * (elongation[1] ** 2 - elongation[0] ** 2) + 9.81 * (1.0 + 0.3 + 0.5) * shift[2]
     np.testing.assert_allclose(result.input_work, [0.0, 0.0, work, work], rtol=0.0, atol=1e-10)
     assert result.ledger_error() < 1e-11
 
 
 def test_moved_anchor_pulls_a_bar():
-    """A bar of 1 kg on a string along its line, whose anchor accelerates by a: the stretch z follows z'' = -k z - a."""
+    """A bar of 1 kg on a string along its line, whose anchor accelerates by a: the elongation z follows z'' = -k z - a."""
     k, a, p = 400.0, -3.0, 0.7
     model = build([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [0], [(1, 2)], [(0, 1)], k=k, gravity=0.0, rest=[0.99])
     model = replace(model, moving=(0,), point_mass=((0, p),))
@@ -428,10 +428,10 @@ def test_moved_anchor_pulls_a_bar():
     inputs = held(model, times, motion=lambda t: ([[0.5 * a * t * t, 0.0, 0.0]], [[a * t, 0.0, 0.0]]))
     result = reference.simulate(model, inputs, **TIGHT)
     t, omega = times, math.sqrt(k)
-    stretch = -a / k + (0.01 + a / k) * np.cos(omega * t)
-    assert stretch.min() > 0.0 and not result.transitions
-    np.testing.assert_allclose(result.string_length[:, 0], 0.99 + stretch, rtol=0.0, atol=1e-11)
-    np.testing.assert_allclose(result.reaction[:, 0, 0], p * a - k * stretch, rtol=0.0, atol=1e-8)
+    elongation = -a / k + (0.01 + a / k) * np.cos(omega * t)
+    assert elongation.min() > 0.0 and not result.transitions
+    np.testing.assert_allclose(result.string_length[:, 0], 0.99 + elongation, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(result.reaction[:, 0, 0], p * a - k * elongation, rtol=0.0, atol=1e-8)
     assert result.ledger_error() < 1e-10 and abs(result.input_work[-1]) > 0.1
 
 
@@ -504,7 +504,7 @@ def test_motor_on_a_slack_string_until_it_is_taut():
 
 def test_motor_and_bar_swing_against_each_other():
     """A linear motor (r = 1) without damping pulls a bar of 1 kg along its line: z'' = -(1/m + 1/J) k z + k_a i/J of the
-    stretch, and m u + J delta' = k_a i t with the bar's speed u = delta' - z' towards the motor."""
+    elongation, and m u + J delta' = k_a i t with the bar's speed u = delta' - z' towards the motor."""
     motor = Actuator(inertia=3.0, damping=0.0, torque_constant=2.0, radius=1.0)
     model = build([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [0], [(1, 2)], [(0, 1)], k=90.0, gravity=0.0, rest=[0.98])
     model = replace(model, actuator=(motor,))

@@ -56,8 +56,8 @@ def push(model, newtons: float) -> np.ndarray:
 
 
 def snapped(model) -> list[int]:
-    stretch = lengths(model, model.strings) - model.rest_length
-    return [int(nsh_law.snapped(model.nsh[i], float(stretch[i]))) for i in model.nsh_strings]
+    elongation = lengths(model, model.strings) - model.rest_length
+    return [int(nsh_law.snapped(model.nsh[i], float(elongation[i]))) for i in model.nsh_strings]
 
 
 # --- the built-in scenes -----------------------------------------------------------------------------------------
@@ -121,9 +121,9 @@ def test_six_bar_is_nearly_self_stressed_as_given(models):
 def test_rest_lengths_of_nsh_strings_go_through_the_inverse(models):
     model = models["six_bar_nsh"]
     for i, name in enumerate(model.string_names):
-        stretch = lengths(model, model.strings, model.nominal)[i] - model.rest_length[i]
+        elongation = lengths(model, model.strings, model.nominal)[i] - model.rest_length[i]
         law, k = model.nsh[i], model.stiffness[i]
-        tension = nsh_law.force(law, stretch, k) if law else k * stretch
+        tension = nsh_law.force(law, elongation, k) if law else k * elongation
         assert tension == pytest.approx(load_scene("six_bar_nsh").prestress.tension[name], rel=1e-10)
 
 
@@ -178,12 +178,12 @@ def test_force_and_tangent_stiffness_are_derivatives_of_the_energy(name, models)
 
 def test_string_law():
     model = build_model(load_scene("three_bar_nsh"))
-    stretch = np.array([-0.1, 0.0, 0.02, -0.1, 0.0, 0.02])
-    tension = string_tension(model, model.rest_length + stretch)
+    elongation = np.array([-0.1, 0.0, 0.02, -0.1, 0.0, 0.02])
+    tension = string_tension(model, model.rest_length + elongation)
     assert tension[:2].tolist() == [0.0, 0.0] and tension[3:5].tolist() == [0.0, 0.0]
     assert tension[2] == pytest.approx(nsh_law.force(model.nsh[2], 0.02, 5000.0), rel=1e-12)
     assert tension[5] == pytest.approx(100.0)
-    assert string_energy(model, model.rest_length + stretch)[5] == pytest.approx(1.0)
+    assert string_energy(model, model.rest_length + elongation)[5] == pytest.approx(1.0)
 
 
 # --- steady states under load ------------------------------------------------------------------------------------
@@ -318,8 +318,8 @@ def test_a_bar_hung_on_a_string(honeycomb, mass):
     model = build_model(scene)
     weight = 9.81 * mass
     law = model.nsh[0]
-    stretch = weight / 800.0 if law is None else nsh_law.elongation(law, weight, 800.0)
-    assert model.nodes[1, 2] == pytest.approx(-0.5 - stretch, abs=1e-9)
+    elongation = weight / 800.0 if law is None else nsh_law.elongation(law, weight, 800.0)
+    assert model.nodes[1, 2] == pytest.approx(-0.5 - elongation, abs=1e-9)
     assert model.nodes[2, 2] == pytest.approx(model.nodes[1, 2] - math.dist([0.01, 0, 1.0], [0, 0.02, 0]), abs=1e-9)
     assert model.rest_length[0] == 0.5
     assert_steady(model, None)

@@ -22,7 +22,7 @@ PARTS = ("tensegrity_core", "fmu_src", "build_fmu.py", "LICENSE", "pyproject.tom
 ROW = """    Field("elongation", "output", ("S",), "m", "{S}.elongation", "length beyond the rest length", compared="length"),
 """
 KERNEL = "        sim->values[m->at[TS_ELONGATION] + i] = sim->elongation[i];\n"
-REFERENCE = "            elongation=strings.stretch,\n"
+REFERENCE = "            elongation=strings.elongation,\n"
 
 #: Heun's method, K. Heun, Neue Methoden zur approximativen Integration der Differentialgleichungen einer unabhaengigen
 #: Veraenderlichen, Zeitschrift fuer Mathematik und Physik 45, 1900: what differs from rk4.c, whose dense output it keeps.
@@ -138,7 +138,7 @@ def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Pat
 
 def test_a_wrong_value_of_the_new_output_is_found(tree, tmp_path):
     """In the reference, here: the comparison does not know which one is right."""
-    right = "elongation=strings.stretch"
+    right = "elongation=strings.elongation"
     copy = wrong(tree, tmp_path, "tensegrity_core/reference/run.py", right, f"{right} * (1.0 + 1e-5)")
     told = run(copy, "build_fmu.py", "two_bar", "--output", "dist", "--runtime", "native", code=1)
     assert "elongation error" in told, told
