@@ -1,4 +1,4 @@
-"""Builds FMUs of tensegrity scenes and validates them: python build_fmu.py three_bar_nsh.  The same as python -m fmu_src.build."""
+"""Builds FMUs of tensegrity scenes and validates them: python build_fmu.py three_bar_nsh (or python -m fmu_src.build)."""
 
 from tensegrity_core.interrupts import program
 

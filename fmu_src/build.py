@@ -90,7 +90,7 @@ def main(words: list[str] | None = None) -> int:
         models = unique([load_scene(scene) for scene in options.scenes])
         apart = take_apart(models) if options.detach_actuators else {}
         compile_first(runtimes, options.platforms)
-        for name, model in apart.items():
+        for model in apart.values():
             for runtime in runtimes:
                 print(f"wrote {pack(model, runtime, options)}", flush=True)
         for name, model in models.items():

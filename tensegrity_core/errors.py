@@ -1,4 +1,5 @@
-"""The project's exceptions.  Each message names the offending thing, its value and the remedy, in one line of bounded length."""
+"""The project's exceptions.  Each message names the offending thing, its value and the remedy, in one line of bounded
+length."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ class SimulationError(TensegrityError):
 
 
 def shown(text: str) -> str:
-    """A text as a message: one line that can be printed, with control characters and the like as their escapes, and not too long."""
+    """A text as a message: one line that can be printed, with control characters and the like as their escapes, and not too
+    long."""
     letters = (letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in _cut(text, LONGEST))
     return _cut("".join(letters), LONGEST)
 

@@ -25,7 +25,8 @@ _AGAIN = 0.1
 
 
 class Ended(KeyboardInterrupt):
-    """A signal of ASKING.  It passes where Ctrl-C passes: no `except Exception` takes it for a failure.  number: the signal's."""
+    """A signal of ASKING.  It passes where Ctrl-C passes: no `except Exception` takes it for a failure.  number: the
+    signal's."""
 
     def __init__(self, number: int):
         super().__init__(number)
@@ -51,8 +52,8 @@ def program(run: Callable[[], int]) -> NoReturn:
 
 
 class Requests:
-    """Handler of signals of ASKING while a program is `interruptible`.  held: how many `held_back` blocks it is in; pending: what
-    has come meanwhile."""
+    """Handler of signals of ASKING while a program is `interruptible`.  held: how many `held_back` blocks it is in; pending:
+    what has come meanwhile."""
 
     def __init__(self):
         self.held, self.pending, self.over = 0, [], False
@@ -66,7 +67,8 @@ class Requests:
             raise self._watched(Ended(number))  # no variable here may hold it, or it lives on in its own traceback
 
     def _watched(self, error: Ended) -> Ended:
-        """Some libraries catch everything, at times while they are imported: then the exception vanishes, and is raised again."""
+        """Some libraries catch everything, at times while they are imported: then the exception vanishes, and is raised
+        again."""
         weakref.finalize(error, self._repeat, error.number).atexit = False
         return error
 

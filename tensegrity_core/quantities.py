@@ -41,7 +41,7 @@ def array_of(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
 def _array(name: str, values: Any, wanted: str) -> np.ndarray:
     try:
         found = np.asarray(values)
-        if found.dtype.kind not in "iufO" or found.dtype.kind == "O" and any(value is None for value in found.flat):
+        if found.dtype.kind not in "iufO" or (found.dtype.kind == "O" and any(value is None for value in found.flat)):
             raise ValueError  # a text would be read as a number, a truth value and None are none
         return np.array(found, dtype=float)
     except (TypeError, ValueError, OverflowError):

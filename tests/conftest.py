@@ -132,7 +132,8 @@ def instances(folders, pack):
 
 @pytest.fixture(scope="session")
 def tools(tmp_path_factory):
-    """The compiled peers of the benchmarks, see benchmarks/peers/toolchain.py; for tests that have benchmarks/ on their path."""
+    """The compiled peers of the benchmarks, see benchmarks/peers/toolchain.py; for tests that have benchmarks/ on their
+    path."""
     from benchmarks.peers import toolchain
 
     def make(folder):

@@ -1,5 +1,5 @@
-"""Experiment I solved instead of waited for: ``python -m benchmarks.article.equilibrium_paths`` writes docs/equilibrium_paths.json,
-docs/equilibrium-paths.md and docs/figures/path_*, in about 3 minutes.
+"""Experiment I solved instead of waited for: ``python -m benchmarks.article.equilibrium_paths`` writes
+docs/equilibrium_paths.json, docs/equilibrium-paths.md and docs/figures/path_*, in about 3 minutes.
 
 An upward force of 10 to 72 N in steps of 2 N acts on each top node of the six scenes.  Solved: the slow load's sweep up
 from no load and back (steady_states.load_sweep), and the state that each load reaches when it comes suddenly
@@ -19,6 +19,7 @@ import argparse
 import json
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,7 @@ class Case:
     def api_runs(self) -> None:
         for load in LOADS:
             force = load * self.lift
-            simulate(self.model, held(self.model, grid(DURATION, ROW), force=lambda t: force), tolerance=TOLERANCE)
+            simulate(self.model, held(self.model, grid(DURATION, ROW), force=lambda t, force=force: force), tolerance=TOLERANCE)
 
     def round(self) -> None:
         self.up = self.timed("sweep", self.sweep)
@@ -288,7 +289,7 @@ def panel(axes, scene: dict) -> None:
         for i, (load, value) in enumerate(found[way]):
             width = 1.6 if way == "up" else 1.0
             axes.plot(value, load, "-", color=colour, linewidth=width, label=label if i == 0 else None)
-        for i, (load, before, after, kind) in enumerate(found["jumps"][way]):
+        for load, before, after, kind in found["jumps"][way]:
             axes.plot([before, after], [load, load], ":", color=colour, linewidth=0.8)
             axes.plot([before], [load], "o" if kind == "limit" else "s", color=colour, markersize=3.0)
     for i, (load, value) in enumerate(found["elsewhere"]):
@@ -354,7 +355,7 @@ def snap_rows(scenes: dict) -> str:
 def snaps_of_the_dynamics(scene: dict) -> list[str]:
     """Between which loads beams snap, and how many have then."""
     rows = scene["states"]
-    pairs = [(a, b) for a, b in zip(rows, rows[1:]) if a["snapped_run"] != b["snapped_run"]]
+    pairs = [(a, b) for a, b in pairwise(rows) if a["snapped_run"] != b["snapped_run"]]
     return [f"{a['load']:g}–{b['load']:g} ({b['snapped_run']})" for a, b in pairs]
 
 
@@ -418,8 +419,8 @@ def report(result: dict) -> str:
         COMMANDS,
         "`path` says where the structure jumps and why, and where it goes; `--step` gives states at equal steps of p, and "
         "`--unstable` traces what lies behind limit and branch points. `modes` lists frequency, damping ratio and decay rate "
-        "of every mode about a steady state, after the names of what nothing resists: rigid-body motions of a structure afloat, "
-        "mechanisms of slack strings. In Python:",
+        "of every mode about a steady state, after the names of what nothing resists: rigid-body motions of a structure "
+        "afloat, mechanisms of slack strings. In Python:",
         PYTHON,
         "## How",
         "`paths.py` follows equilibria by arclength, through limit points and along unstable branches. Each string keeps its "
@@ -454,8 +455,8 @@ def report(result: dict) -> str:
         time_text(scenes, result),
         f"Processor time, one thread, least of {result['rounds']} interleaved rounds, {where['processor']}, commit "
         f"{where['commit']}, {where['date']}, in {result['seconds']} s; the figures stand in "
-        "[equilibrium_paths.json](equilibrium_paths.json). Drawn by `python -m benchmarks.article.equilibrium_paths`, which also says "
-        "what was measured and how; `--redraw` draws it again from that file.",
+        "[equilibrium_paths.json](equilibrium_paths.json). Drawn by `python -m benchmarks.article.equilibrium_paths`, which "
+        "also says what was measured and how; `--redraw` draws it again from that file.",
     ]
     return wrapped_but_code("\n\n".join(block for block in blocks if block)) + "\n"
 

@@ -198,8 +198,8 @@ def joining(model: Model, first: str, second: str) -> list[str]:
 
 
 def repeats(dampings=experiments.DAMPINGS) -> dict:
-    """'plain/500' and so on, of the base model: after how many periods of the wave the motion of n5 comes back, to within 1 % of
-    its swing, once REPEATED_SECONDS have passed, and how far it is off after 1, 2 ... MOST_REPEATS periods, of the swing."""
+    """'plain/500' and so on, of the base model: after how many periods of the wave the motion of n5 comes back, to within 1 %
+    of its swing, once REPEATED_SECONDS have passed, and how far it is off after 1, 2 ... MOST_REPEATS periods, of the swing."""
     found = {}
     for damping in dampings:
         for kind in (PLAIN, NSH):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -77,7 +78,7 @@ def snaps(parts) -> list[dict]:
     """x: m; way: 1 there, -1 back; before, after: N; loss: J; snapped: beams, and at: the stretches of all parts, before and
     after; of each snap."""
     found = []
-    for (branch, a, b, loss), (following, *_) in zip(parts, parts[1:]):
+    for (branch, a, b, loss), (following, *_) in pairwise(parts):
         if loss > 0.0:
             forces = {"before": branch.force(b), "after": following.force(b)}
             states = {name: [getattr(one, name) for one in (branch, following)] for name in ("snapped", "at")}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -37,7 +38,7 @@ def panels(cuts: np.ndarray) -> np.ndarray:
     """Times (s) that cut every interval between two cuts into panels, short near the cuts, where a fast motion dies away."""
     count = 16 + int(0.5 * np.diff(cuts).max() / LONGEST)
     away, ends = np.cumsum(np.minimum(SHORTEST * 2.0 ** np.minimum(np.arange(count), 40), LONGEST)), [cuts[:1]]
-    for a, b in zip(cuts, cuts[1:]):
+    for a, b in pairwise(cuts):
         inside = away[away < 0.5 * (b - a)]
         ends.append(np.concatenate((a + inside, (b - inside)[::-1], [b])))
     return np.concatenate(ends)
@@ -92,8 +93,11 @@ def ledger() -> dict:
         push = np.zeros((len(model.nodes), 3))
         push[model.node_names.index("n4"), 2] = experiments.WAVE
         switches = np.arange(0.0, LEDGER_DURATION + 0.1, 0.5 * experiments.PERIOD)
-        force = lambda t, push=push: push if t / experiments.PERIOD % 1.0 < 0.5 else -push  # noqa: E731
-        found[f"three_bar/{d:g}"] = account(model, force, switches)
+
+        def wave(t, push=push):
+            return push if t / experiments.PERIOD % 1.0 < 0.5 else -push
+
+        found[f"three_bar/{d:g}"] = account(model, wave, switches)
     return found
 
 

@@ -64,7 +64,7 @@ def program_of(tool: Tool, base: Path) -> Path | None:
     if not tool.maven:
         return None
     folder = base / "maven"
-    group, name, version, kind, classifier = tool.maven.split(":")
+    _group, name, version, kind, classifier = tool.maven.split(":")
     jar = folder / f"{name}-{version}-{classifier}.{kind}"
     if not jar.is_file():
         for program in ("java", "mvn"):

@@ -11,9 +11,9 @@ data. Every tool has an environment of its own under `build/importers`, and ever
 
 Each tool runs {scene} for {duration:g} s in steps of {step:g} s: {lift:g} N upward on the top nodes n5 and n6, and a square
 wave of {wave:g} N with a period of {period:g} s on n4. The deviation is the largest of any coordinate of any node at any
-communication point, from the reference (`tensegrity_core/reference/run.py`) under the same held inputs; up to {bound:g} m passes.
-Beside it stands the deviation from the kernel called without FMI: what the tool and the runtime add. Checkers compute no
-trajectory.
+communication point, from the reference (`tensegrity_core/reference/run.py`) under the same held inputs; up to {bound:g} m
+passes. Beside it stands the deviation from the kernel called without FMI: what the tool and the runtime add. Checkers compute
+no trajectory.
 
 The FMUs *with simple types* are what `build_fmu.py --simple-types` packs: `solver.method` is an Integer, and the Integer
 outputs (`s1.snapped`) are left out. They are run where the others were refused.
@@ -24,13 +24,13 @@ outputs (`s1.snapped`) are left out. They are run where the others were refused.
 FOOT = """
 Tools count their time differently; the last digits of their step sizes are what the deviations from the kernel show.
 
-Some tools pass a tolerance that nobody chose: OMSimulator always 1e-4, unless it is told another. Followed, it would cost 7e-7 m
-and 1.1 N where 1e-7 m is promised, so that the FMU takes a tighter tolerance than its own 1e-10 from a host, and no looser one;
-it says so in the log and answers `fmi2OK`, since OMSimulator and PyFMI end the run at a warning there. To trade accuracy for
-time, set `solver.tolerance` ([what it costs](fmu.md#rules)).
+Some tools pass a tolerance that nobody chose: OMSimulator always 1e-4, unless it is told another. Followed, it would cost 7e-7
+m and 1.1 N where 1e-7 m is promised, so that the FMU takes a tighter tolerance than its own 1e-10 from a host, and no looser
+one; it says so in the log and answers `fmi2OK`, since OMSimulator and PyFMI end the run at a warning there. To trade accuracy
+for time, set `solver.tolerance` ([what it costs](fmu.md#rules)).
 
-PyFMI's `set_input_derivatives` with the name of a single variable passes order 0, which FMI has not: the FMU refuses it and goes
-on. Name the variable in a list.
+PyFMI's `set_input_derivatives` with the name of a single variable passes order 0, which FMI has not: the FMU refuses it and
+goes on. Name the variable in a list.
 
 fmpy's `simulate_fmu` stops early at large start times ([fmu.md](fmu.md#rules)).
 

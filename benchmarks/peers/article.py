@@ -4,6 +4,7 @@ article does it: an explicit Runge-Kutta method across the transitions.  RK45 is
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -78,6 +79,6 @@ def ladders(problem: Problem) -> list[Ladder]:
     article = Article(problem)
     found = []
     for method in METHODS:
-        measure = lambda tol, n, limit, m=method: _measure(problem, article, m, tol, n, limit)  # noqa: E731
+        measure = partial(_measure, problem, article, method)
         found.append(Ladder("article", method, False, "tolerance", tolerances(1e-3, 1e-10), measure))
     return found

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import time
+from functools import partial
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -94,13 +96,11 @@ def _measure(problem: Problem, integrator: str, step: float, repetitions: int, l
 
 def ladders(problem: Problem) -> list[Ladder]:
     """MuJoCo's integrators; none where it is not installed."""
-    try:
-        import mujoco  # noqa: F401
-    except ImportError:
+    if find_spec("mujoco") is None:
         print("MuJoCo is missing (pip install mujoco); its rows are left out")
         return []
     found = []
     for integrator in INTEGRATORS:
-        measure = lambda step, n, limit, i=integrator: _measure(problem, i, step, n, limit)  # noqa: E731
+        measure = partial(_measure, problem, integrator)
         found.append(Ladder("mujoco", integrator, False, "step", fixed_steps(), measure))
     return found

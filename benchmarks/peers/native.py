@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,7 @@ class Bench:
             write_bytes(path, to_bytes(self.problem.model, **defaults))
         return path
 
-    def run(self, method: str, model: Path, tolerance: float, events: int, repetitions: int, limit: float) -> Run:
+    def run(self, method: str, model: Path, events: int, tolerance: float, repetitions: int, limit: float) -> Run:
         """One job; its first run is not timed and comes on top of the repetitions, unless it is a long one (main.c).  limit:
         processor time of a run, s."""
         command = [str(self.tools.program), str(model), str(self.force), method, repr(float(tolerance)), str(events)]
@@ -80,15 +81,16 @@ class Bench:
         energy = np.array([row["energy"] for row in result["rows"]], dtype=float)
         return Run(result["seconds"], position, energy, result["counts"])
 
-    def kernel(self, method: str, tolerance: float, step: float, repetitions: int, limit: float = 60.0) -> Run:
-        """Our kernel; step: of a fixed-step method, else 0."""
+    def kernel(self, method: str, setting: float, repetitions: int, limit: float = 60.0) -> Run:
+        """Our kernel; setting: the step of a method of fixed step, s, else the tolerance."""
+        tolerance, step = (1e-10, setting) if method in FIXED_STEP else (setting, 0.0)
         name = f"{method}_{tolerance:g}_{step:g}.bin"
         model = self._packed(name, method=method, tolerance=tolerance, max_step=step)
-        return self.run("kernel", model, tolerance, DIRECTED, repetitions, limit)
+        return self.run("kernel", model, DIRECTED, tolerance, repetitions, limit)
 
     def rhs_seconds(self, repetitions: int = 20) -> float:
         """Least processor time of a right-hand side at the start, s."""
-        run = self.run("rhs", self.model, 1.0, DIRECTED, repetitions, 10.0)
+        run = self.run("rhs", self.model, DIRECTED, 1.0, repetitions, 10.0)
         return min(run.seconds) / run.counts["rhs"]
 
 
@@ -96,17 +98,14 @@ def kernel_ladders(bench: Bench) -> list[Ladder]:
     """Every method of the kernel."""
     found = []
     for method in METHODS:
-        if method in FIXED_STEP:
-            measure = lambda step, n, limit, m=method: bench.kernel(m, 1e-10, step, n, limit)  # noqa: E731
-            found.append(Ladder("kernel", method, True, "step", fixed_steps(), measure))
-        else:
-            measure = lambda tol, n, limit, m=method: bench.kernel(m, tol, 0.0, n, limit)  # noqa: E731
-            found.append(Ladder("kernel", method, True, "tolerance", tolerances(1e-3, 1e-12, 2), measure))
+        fixed = method in FIXED_STEP
+        kind, settings = ("step", fixed_steps()) if fixed else ("tolerance", tolerances(1e-3, 1e-12, 2))
+        found.append(Ladder("kernel", method, True, kind, settings, partial(bench.kernel, method)))
     return found
 
 
 def _sundials(bench: Bench, family: str, method: str, events: int, per_decade: int) -> Ladder:
-    measure = lambda tol, n, limit: bench.run(method, bench.model, tol, events, n, limit)  # noqa: E731
+    measure = partial(bench.run, method, bench.model, events)
     return Ladder(family, method, events != NO_EVENTS, "tolerance", tolerances(1e-3, 1e-12, per_decade), measure)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import time
 from ctypes import POINTER, c_char_p, c_double, c_int, c_int32, c_void_p
+from functools import partial
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -140,7 +141,7 @@ def integrate(
 
 
 def _measure(
-    bench: Bench, compiled: Compiled, method: str, tolerance: float, events: bool, repetitions: int, limit: float
+    bench: Bench, compiled: Compiled, method: str, events: bool, tolerance: float, repetitions: int, limit: float
 ) -> Run:
     duration, seconds = bench.problem.duration, []
     instants = np.linspace(0.0, duration, INSTANTS + 1)
@@ -159,7 +160,7 @@ def _measure(
 
 
 def _ladder(bench: Bench, compiled: Compiled, method: str, events: bool) -> Ladder:
-    measure = lambda tol, n, limit: _measure(bench, compiled, method, tol, events, n, limit)  # noqa: E731
+    measure = partial(_measure, bench, compiled, method, events)
     return Ladder("scipy", method, events, "tolerance", tolerances(1e-3, 1e-12), measure)
 
 

@@ -296,34 +296,29 @@ def report(result: dict) -> str:
     blocks = [
         "# Speed of the native FMU",
         "Written by `python -m benchmarks.speed.fmu_speed`; the figures stand in [fmu_speed.json](fmu_speed.json), and "
-        "`--redraw` writes "
-        f"this page from them. Measured in processor time on {where['processor']}, {where['system']}, one thread, commit "
-        f"{where['commit']}, {where['date']}, in {result['seconds']} s; minimum (median) of "
-        f"{rows[0]['set']['rounds']} rounds from "
-        f"C, of {rows[0]['fmpy']['native']['rounds']} through fmpy. What is compared takes turns.",
+        f"`--redraw` writes this page from them. Measured in processor time on {where['processor']}, {where['system']}, one "
+        f"thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s; minimum (median) of "
+        f"{rows[0]['set']['rounds']} rounds from C, of {rows[0]['fmpy']['native']['rounds']} through fmpy. What is compared "
+        "takes turns.",
         "## Targets",
         table(["what", "target", "reached", "met"], [[*row, "yes" if met else "**no**"] for *row, met in targets(rows)]),
         "The targets of real time are asked of the default tolerance here, 1e-10, much tighter than what the validation asks "
-        "of an FMU; the table of solvers below shows what looser ones cost and how far off they are. "
-        "Through fmpy, both FMUs pay the same for the kernel and for fmpy's own calls, which is most of what the native one takes.",
+        "of an FMU; the table of solvers below shows what looser ones cost and how far off they are. Through fmpy, both FMUs "
+        "pay the same for the kernel and for fmpy's own calls, which is most of what the native one takes.",
         "## Calls from a C host, µs",
-        "Bare kernel and FMU along the same motion. With steps of 10 µs most lie within one step of the integrator, "
-        "so that the "
-        "overhead shows, the difference of the two; with 1 ms they work.",
+        "Bare kernel and FMU along the same motion. With steps of 10 µs most lie within one step of the integrator, so that "
+        "the overhead shows, the difference of the two; with 1 ms they work.",
         step_rows(rows),
         f"## Real time from a C host, communication step {1e3 * STEP:g} ms",
-        "All inputs are set and all outputs read at each step. Where the forces change at each step, the integrator "
-        "starts anew "
-        "there; where they stay, its own steps go on across the communication points.",
+        "All inputs are set and all outputs read at each step. Where the forces change at each step, the integrator starts "
+        "anew there; where they stay, its own steps go on across the communication points.",
         real_time_rows(rows),
-        f"{JUDGED} with other solvers and tolerances; the first is the default. The error is the largest deviation of "
-        f"a node from "
-        f"`radau9` at tolerance 1e-13 over the {C_STEPS * STEP:g} s.",
+        f"{JUDGED} with other solvers and tolerances; the first is the default. The error is the largest deviation of a node "
+        f"from `radau9` at tolerance 1e-13 over the {C_STEPS * STEP:g} s.",
         solver_table(result["solvers"]),
         "## Through fmpy",
-        "Low-level calls with arrays made once, forces that change at each step, all inputs set and all outputs read; "
-        "a good part "
-        "of the native FMU's time is fmpy's own.",
+        "Low-level calls with arrays made once, forces that change at each step, all inputs set and all outputs read; a good "
+        "part of the native FMU's time is fmpy's own.",
         fmpy_rows(rows),
     ]
     return wrapped("\n\n".join(blocks)) + "\n"

@@ -1,5 +1,5 @@
-"""Work and memory against size: ``python -m benchmarks.speed.growth`` writes docs/growth.json, docs/growth.md and the figure, in
-about 2 minutes.
+"""Work and memory against size: ``python -m benchmarks.speed.growth`` writes docs/growth.json, docs/growth.md and the figure,
+in about 2 minutes.
 
 Towers of n stages (3 n bars) stand still and are pushed at the top: 45 N down on each of the last three nodes, 20 N aside
 on the first of them, for 0.1 s, which no wave needs to run down a tall tower.  A light prestress lets strings go slack (there
@@ -219,11 +219,11 @@ def curve(axes, n, value, scale, power, label, colour, marker) -> None:
     shown = label if power is None else f"{label}, fitted n^{power:.2f}"
     axes.plot(3 * n, scale * value, marker, color=colour, markersize=5, label=shown)
     start = int(np.argmax(n >= FIT_FROM))
-    for slope, style in ((1.0, "-"), (LIMIT, ":")):
+    for slope, dashes in ((1.0, "-"), (LIMIT, ":")):
         line = scale * value[start] * (n[start:] / n[start]) ** slope
         named = f"n^{slope:g}" + (" (limit)" if slope == LIMIT else " (theory)")
         known = named in [old.get_label() for old in axes.lines]
-        axes.plot(3 * n[start:], line, style, color="#777777", linewidth=1.0, zorder=1, label="_" if known else named)
+        axes.plot(3 * n[start:], line, dashes, color="#777777", linewidth=1.0, zorder=1, label="_" if known else named)
 
 
 def listed(texts: list[str]) -> str:
@@ -297,9 +297,9 @@ def report(result: dict) -> str:
         f"of half its size; n^{result['limit']:g} is the limit that we set:",
         exponent_rows(found),
         end_text(result),
-        f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in "
-        f"{result['seconds']} s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.growth`, "
-        "which also says what was measured and how; `--redraw` draws it again from that file ([SVG](figures/growth.svg)).",
+        f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in {result['seconds']} "
+        "s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.growth`, which also says "
+        "what was measured and how; `--redraw` draws it again from that file ([SVG](figures/growth.svg)).",
     ]
     return wrapped("\n\n".join(block for block in blocks if block)) + "\n"
 

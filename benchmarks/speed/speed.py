@@ -1,5 +1,5 @@
-"""Speed of the kernel and of the pythonfmu FMU: ``python -m benchmarks.speed.speed`` writes docs/speed.json and docs/speed.md, in
-about a minute.
+"""Speed of the kernel and of the pythonfmu FMU: ``python -m benchmarks.speed.speed`` writes docs/speed.json and docs/speed.md,
+in about a minute.
 
 Every row has an error beside its time: largest deviation of the nodes from a run by radau9 at tolerance 1e-13.  Runs of the
 kernel are interleaved, and a time is the least processor time of the rounds; the FMU's steps are timed by the wall clock.
@@ -154,15 +154,15 @@ def report(result: dict) -> str:
             "\n\n".join(
                 [
                     "# Speed",
-                    "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and `--redraw` writes this "
-                    f"page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, commit "
-                    f"{where['commit']}, {where['date']}, in {result['seconds']} s.",
-                    f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on the top nodes, "
-                    f"{conditions['aside']:g} N aside on the first), fastest setting that reaches the error; least processor time of "
-                    f"{conditions['rounds']} runs:",
+                    "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and "
+                    f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python "
+                    f"{where['python']}, one thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
+                    f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on "
+                    f"the top nodes, {conditions['aside']:g} N aside on the first), fastest setting that reaches the error; "
+                    f"least processor time of {conditions['rounds']} runs:",
                     best_rows(result),
-                    f"pythonfmu FMU of {fmu['scene']} through fmpy's low-level calls, communication step {fmu['step_size']:g} s, "
-                    f"all {fmu['inputs']} inputs set and all outputs read at every step: "
+                    f"pythonfmu FMU of {fmu['scene']} through fmpy's low-level calls, communication step {fmu['step_size']:g} "
+                    f"s, all {fmu['inputs']} inputs set and all outputs read at every step: "
                     f"{fmu['time_per_step'] * 1e6:.0f} us per step, {fmu['real_time_factor']:.0f} x real time.",
                     "The library is compiled for any processor of its platform; the same sources with `-march=native` take "
                     f"{1.0 / result['processor']['shipped_over_march_native']:.2f} of its time on this machine.",

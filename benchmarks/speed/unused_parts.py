@@ -1,9 +1,9 @@
-"""What scenes pay for parts that they do not have: ``python -m benchmarks.speed.unused_parts`` writes docs/unused_parts.json and
-docs/unused-parts.md, in about two minutes.
+"""What scenes pay for parts that they do not have: ``python -m benchmarks.speed.unused_parts`` writes docs/unused_parts.json
+and docs/unused-parts.md, in about two minutes.
 
-The kernel as it is and the kernel of the commit before actuators, moved nodes, point masses, drag, general force laws and memory
-are compiled by the same compiler and called in turns, each through its own Python package, on the six scenes, which have none of
-these.  A ratio is that of the least processor times of the rounds; the positions that both reach are compared.
+The kernel as it is and the kernel of the commit before actuators, moved nodes, point masses, drag, general force laws and
+memory are compiled by the same compiler and called in turns, each through its own Python package, on the six scenes, which have
+none of these.  A ratio is that of the least processor times of the rounds; the positions that both reach are compared.
 """
 
 from __future__ import annotations
@@ -131,15 +131,15 @@ def report(result: dict) -> str:
             "\n\n".join(
                 [
                     "# What unused parts cost",
-                    "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), and "
-                    f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one thread, "
-                    f"commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
-                    "Processor time of the kernel over that of the kernel at commit "
-                    f"{result['before']}, which knew neither actuators, moved nodes, point masses, drag and gravity vectors, nor general "
-                    "force laws and memory; in brackets the time of a communication step, called from Python. The six scenes have none of "
-                    f"these parts. Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
-                    "Positions at the end differ by at most "
-                    f"{max(r['apart'] for r in rows):.0e} m.",
+                    "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in "
+                    "[unused_parts.json](unused_parts.json), and "
+                    f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python "
+                    f"{where['python']}, one thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
+                    f"Processor time of the kernel over that of the kernel at commit {result['before']}, which knew neither "
+                    "actuators, moved nodes, point masses, drag and gravity vectors, nor general force laws and memory; in "
+                    "brackets the time of a communication step, called from Python. The six scenes have none of these parts. "
+                    f"Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
+                    f"Positions at the end differ by at most {max(r['apart'] for r in rows):.0e} m.",
                     table(["scene", *titles], body),
                     f"Over all: {mean(r['ratio'] for r in rows):.3f}. {over} of {len(rows)} ratios exceed 1.02.",
                 ]

@@ -46,6 +46,8 @@ MASSES = (0.3, 3.0, 30.0)
 DELTAS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Part of f_max by which the dead load exceeds it.
 OVERLOAD = 0.05
+#: The overloads (F - f_max)/f_max of the sweep over them.
+OVERLOADS = tuple(10.0 ** np.arange(-6, 1))
 #: Fixed-step methods whose steps are tried on the snap, the damping there, and the steps, in units of 1/r (see `growth`).
 STEPPED = ("rk4", "ros2")
 STEPPED_DELTAS = (0.0, 1.0, 10.0)
@@ -122,7 +124,7 @@ def snap_times(masses=MASSES, deltas=DELTAS) -> list[dict]:
     return rows
 
 
-def overloads(values=tuple(10.0 ** np.arange(-6, 1)), deltas=(0.0, 1.0, 10.0)) -> list[dict]:
+def overloads(values=OVERLOADS, deltas=(0.0, 1.0, 10.0)) -> list[dict]:
     """The same over the overload (F - f_max)/f_max."""
     rows = []
     for delta in deltas:

@@ -27,6 +27,9 @@ FIT = (1e-9, 1e-5)
 ROUND_OFF = 1e-17
 #: Points per history that are kept for the figure.
 SHOWN = 100
+#: Tensions of the mast, N, and relative errors of |b|^2 at the start, of the sweeps over them.
+TENSIONS = tuple(np.geomspace(4.0, 500.0, 10))
+START_ERRORS = tuple(10.0 ** np.arange(-16, -7))
 
 
 class Integrator(NamedTuple):
@@ -225,7 +228,7 @@ def pushed_runs(duration: float = 6.0, error: float = 1e-10, survivors: float = 
     rows = []
     for name in VARIANTS:
         begun = error if name in theory else 0.0
-        row, run = run_variant(model, name, duration if name in theory else survivors, force, begun)
+        row, _run = run_variant(model, name, duration if name in theory else survivors, force, begun)
         if name in theory:
             expected = History(history.times, history.theory[name], {})
             row["theory_time_to"] = [time_to(expected, limit) for limit in LIMITS]
@@ -270,7 +273,7 @@ def _zero_crossings(times, values) -> np.ndarray:
     return np.array(found)
 
 
-def against_compression(tensions=tuple(np.geomspace(4.0, 500.0, 10)), error: float = 1e-10) -> list[dict]:
+def against_compression(tensions=TENSIONS, error: float = 1e-10) -> list[dict]:
     """Growth rate and time to failure of the mast over the compression of its bar."""
     rows = []
     for pull in tensions:
@@ -295,7 +298,7 @@ def against_compression(tensions=tuple(np.geomspace(4.0, 500.0, 10)), error: flo
     return rows
 
 
-def against_start_error(errors=tuple(10.0 ** np.arange(-16, -7))) -> list[dict]:
+def against_start_error(errors=START_ERRORS) -> list[dict]:
     """Time to failure of three_bar at rest over the relative error of |b|^2 at the start."""
     rows, model = [], three_bar()
     for form in ("matrix", "pinned"):

@@ -1,7 +1,8 @@
 """Equations of motion that differ in how they keep the bars' lengths, and what becomes of e = |b|^2 - l^2 under each.
 
-`matrix` is the article's eq. 1 with its two errata mended (see tensegrity_core/reference/equations.py).  As printed, the nominal
-l_i^2 stands in lambda; exact: |b_i|^2 of the state does.  `pinned` is the same physics per bar that is fixed at one end,
+`matrix` is the article's eq. 1 with its two errata mended (see tensegrity_core/reference/equations.py).  As printed, the
+nominal l_i^2 stands in lambda; exact: |b_i|^2 of the state does.  `pinned` is the same physics per bar that is fixed at one
+end,
     b'' = (3/m) (I - b b^T / l^2) f - (|b'|^2 / l^2) b,   f: all forces at the tip.
 With the nominal l both give e'' = rate^2 e, with
     matrix: rate^2 = -(2 |b'|^2 + (12/m) b^T (f2 - f1)) / l^2,  f1, f2 the forces at the ends with the ground's

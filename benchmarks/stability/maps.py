@@ -156,7 +156,7 @@ def draw(data: dict) -> Figure:
         _draw_spectrum(axes[0, column], one)
         for ax, method in zip(axes[1:, column], MEASURED):
             _draw_map(ax, one, method)
-        axes[-1, column].set_xlabel("{0}, {1}".format(*SYMBOL[one["parameter"]]))
+        axes[-1, column].set_xlabel("{}, {}".format(*SYMBOL[one["parameter"]]))
     for ax in axes.flat:
         ax.minorticks_off()
     axes[0, 0].set_ylabel("1/s")

@@ -123,7 +123,7 @@ def run_scipy(compiled: scipy_compiled.Compiled, method: str, tolerance: float, 
 
 
 def run_sundials(bench: native.Bench, method: str, tolerance: float) -> Found:
-    run = bench.run(method, bench.model, tolerance, native.DIRECTED, 1, LIMIT)
+    run = bench.run(method, bench.model, native.DIRECTED, tolerance, 1, LIMIT)
     return Found(-1, 0) if run.failure else Found(run.counts["transitions"], run.counts["steps"])
 
 
@@ -320,9 +320,7 @@ def section(data: dict) -> str:
             number(t.tightest),
             str(t.ahead),
         ]
-        for pushed in data["pushed"]:
-            row.append(from_on(data["tolerances"], pushed["found"][name], pushed["transitions"]))
-        rows.append(row)
+        rows.append(row + [from_on(data["tolerances"], p["found"][name], p["transitions"]) for p in data["pushed"]])
     others = {
         family: max((t for name, t in tallies.items() if name.split()[0] == family), key=lambda t: t.missed)
         for family in dict.fromkeys(name.split()[0] for name in names if not name.startswith("ours"))

@@ -41,9 +41,10 @@ def save(result: dict, path: Path) -> None:
         ladder = ladders.setdefault(key, dict(zip(KEY, key)))
         for name in COLUMNS:
             ladder.setdefault(name, []).append(row.get(name))
-    lines = []
-    for ladder in ladders.values():
-        lines.append(json.dumps({k: v for k, v in ladder.items() if not isinstance(v, list) or any(x is not None for x in v)}))
+    lines = [
+        json.dumps({k: v for k, v in ladder.items() if not isinstance(v, list) or any(x is not None for x in v)})
+        for ladder in ladders.values()
+    ]
     head = {name: value for name, value in result.items() if name != "rows"}
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(head, indent=1)[:-2] + ',\n "ladders": [\n  ' + ",\n  ".join(lines) + "\n ]\n}\n"

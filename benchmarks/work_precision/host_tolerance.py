@@ -1,8 +1,9 @@
-"""What a host's tolerance costs and loses: ``python -m benchmarks.work_precision.host_tolerance`` prints the table of docs/fmu.md.
+"""What a host's tolerance costs and loses: ``python -m benchmarks.work_precision.host_tolerance`` prints the table of
+docs/fmu.md.
 
-Every scenario of the thorough validation (fmu_src/validation/scenarios.py: d / 10, d and 10 d) and random held inputs, for each built-in
-scene, at tolerances from 1e-4 to 1e-12, against the kernel at 1e-13 by another method.  Runs that magnify a start error of
-1e-12 m beyond 1e-9 m say nothing about a tolerance and are left out.
+Every scenario of the thorough validation (fmu_src/validation/scenarios.py: d / 10, d and 10 d) and random held inputs, for each
+built-in scene, at tolerances from 1e-4 to 1e-12, against the kernel at 1e-13 by another method.  Runs that magnify a start
+error of 1e-12 m beyond 1e-9 m say nothing about a tolerance and are left out.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ def runs():
         force, node = np.zeros((len(model.nodes), 3)), scenarios.pushed_node(model)
         kicks = rng.normal(size=(100, 3)) * 60.0
 
-        def random(t, force=force, node=node, kicks=kicks, axes=list(model.axes)):
-            force[node, axes] = kicks[int(t / 0.05 + 1e-9) % len(kicks)][axes]
+        def random(t, force=force, node=node, kicks=kicks, axes=model.axes):
+            force[node, list(axes)] = kicks[int(t / 0.05 + 1e-9) % len(kicks)][list(axes)]
             return force.copy()
 
         yield f"{name} random", model, held(model, times, random)

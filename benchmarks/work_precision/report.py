@@ -126,8 +126,8 @@ def flight_text(result: dict, name: str) -> str:
                 if kept
                 else ""
             ),
-            "No string goes slack, so nobody looks for transitions; at loose tolerances the others let the bars stretch, and some "
-            "of their runs end there.",
+            "No string goes slack, so nobody looks for transitions; at loose tolerances the others let the bars stretch, and "
+            "some of their runs end there.",
         ]
     )
 
@@ -301,10 +301,10 @@ def introduction(result: dict) -> list[str]:
     limit = f"{limits[0]:g} s" + (f" (free flight: {limits[-1]:g} s)" if len(limits) > 1 else "")
     return [
         "# Work and precision",
-        "Written by `python -m benchmarks.work_precision.run`; the numbers stand in [work_precision.json](work_precision.json). "
-        f"{where['processor']}, {where['system']}, Python {where['python']}, SciPy {where['scipy']}, SUNDIALS "
-        f"{where['sundials']}, MuJoCo {where['mujoco']}, one thread, commit {where['commit']}, {where['date']}; {how} of "
-        f"{result['seconds']} s, load average {where['load']}.",
+        "Written by `python -m benchmarks.work_precision.run`; the numbers stand in "
+        f"[work_precision.json](work_precision.json). {where['processor']}, {where['system']}, Python {where['python']}, "
+        f"SciPy {where['scipy']}, SUNDIALS {where['sundials']}, MuJoCo {where['mujoco']}, one thread, commit "
+        f"{where['commit']}, {where['date']}; {how} of {result['seconds']} s, load average {where['load']}.",
         "SUNDIALS is only needed here: `apt-get install libsundials-dev` (version 6); MuJoCo comes by `pip install mujoco`. "
         "What is missing is named, and its rows are left out.",
         "Error and time come from the same run. The error is the largest deviation of the top nodes (free flight: of all "

@@ -7,7 +7,8 @@ from typing import NamedTuple
 from . import nsh
 from .data import ADAPTIVE, AUTO, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio
 
-#: By damping, N s/m: how many times faster than SUNDIALS `auto` is to be; ms that an earlier trial of the same physics reached, and the aim.
+#: By damping, N s/m: how many times faster than SUNDIALS `auto` is to be; ms that an earlier trial of the same physics reached,
+#: and the aim.
 OVER_SUNDIALS = {50: 20.0, 500: 12.0, 5000: 12.0}
 OVER_SCIPY = 100.0
 TRIAL_MS = {50: (0.49, 0.25), 500: (1.08, 0.5), 5000: (3.7, 1.8)}

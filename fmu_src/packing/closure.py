@@ -38,7 +38,8 @@ def _file(package: Path, module: str) -> Path | None:
 
 
 def _imports(path: Path, within: str):
-    """(module by its full name, names imported from it) for each import statement of a file; within: the package it stands in."""
+    """(module by its full name, names imported from it) for each import statement of a file; within: the package it stands
+    in."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
         if isinstance(node, ast.Import):
             for alias in node.names:

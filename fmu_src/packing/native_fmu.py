@@ -46,8 +46,8 @@ _DECLARED = re.compile(r"^[A-Za-z][\w ]*[ *](\w+)\([^;{]*\);", re.MULTILINE)
 #: A function of FMI's that the runtime defines.
 _EXPORTED = re.compile(r"^FMI2_Export .*?\b(fmi2\w+)\(", re.MULTILINE)
 
-_PREFIX = """/* Names of all functions that other files of these sources call: where several FMUs are linked into one program, each has
- * a prefix of its own, FMI2_FUNCTION_PREFIX, before these as before FMI's functions. */
+_PREFIX = """/* Names of all functions that other files of these sources call: where several FMUs are linked into one program,
+ * each has a prefix of its own, FMI2_FUNCTION_PREFIX, before these as before FMI's functions. */
 #if defined(FMI2_FUNCTION_PREFIX) && !defined(TENSEGRITY_PREFIX_H)
 #define TENSEGRITY_PREFIX_H
 #define TS_PASTE_NAMES(a, b) a##b

@@ -23,13 +23,13 @@ def check():
     if not os.path.lexists(os.path.join(FOLDER, "checksums.txt")):
         return
     head, *lines = content("checksums.txt").decode("ascii", "replace").split("\n")
-    if head != "# %d files" % (len(lines) - 1) or lines[-1]:
+    if head != f"# {len(lines) - 1} files" or lines[-1]:
         raise Refused("resources/checksums.txt is damaged; unzip the FMU anew")
     for line in lines[:-1]:
         digest, _, name = line.partition("  ")
         if hashlib.sha256(content(name)).hexdigest() != digest:
             remedy = "unzip the FMU anew, or, if you changed the file, remove resources/checksums.txt"
-            raise Refused("resources/%s differs from what was built; %s" % (name, remedy))
+            raise Refused(f"resources/{name} differs from what was built; {remedy}")
 
 
 def content(name):
@@ -38,7 +38,7 @@ def content(name):
         with open(os.path.join(FOLDER, name), "rb") as file:
             return file.read()
     except (OSError, ValueError) as error:
-        raise Refused("%s cannot be read; unzip the FMU anew" % os.path.join(FOLDER, name)) from error
+        raise Refused(f"{os.path.join(FOLDER, name)} cannot be read; unzip the FMU anew") from error
 
 
 def loaded():
@@ -65,8 +65,8 @@ def package():
 
 check()
 try:
-    import numpy
+    import numpy  # noqa: F401 (whether it is there; the bridge imports it)
 except ImportError as error:
-    version = "%d.%d" % sys.version_info[:2]
+    version = ".".join(map(str, sys.version_info[:2]))
     raise ImportError(f"NumPy is missing in Python {version} of {sys.prefix} ({error}): pip install numpy there") from error
 bridge = loaded()

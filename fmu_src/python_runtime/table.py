@@ -31,10 +31,7 @@ class Group(NamedTuple):
         """Whether all values are finite and in range; of very large ones it is not sure."""
         if not math.isfinite(sum(values)):
             return False
-        for place, low, high in self.bounded:
-            if not low <= values[place] <= high:
-                return False
-        return True
+        return all(low <= values[place] <= high for place, low, high in self.bounded)
 
 
 class Block:

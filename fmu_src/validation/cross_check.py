@@ -82,10 +82,9 @@ def inputs_of(table: tuple[Variable, ...], run: Scenario) -> tuple[list[str], li
 
 def outputs_of(table: tuple[Variable, ...], model: Model, result: Result) -> tuple[list[str], list[np.ndarray]]:
     """Names of all outputs in the order of the variable table, and rows (time, values) of the reference."""
-    columns, present = [result.times[:, None]], {row.field for row in table}
-    for field in outputs():
-        if field.name in present:
-            columns.append(flattened(field, model, result.outputs[field.name]))
+    present = {row.field for row in table}
+    fields = [field for field in outputs() if field.name in present]
+    columns = [result.times[:, None], *(flattened(field, model, result.outputs[field.name]) for field in fields)]
     return [row.name for row in table if row.causality == "output"], list(np.hstack(columns))
 
 

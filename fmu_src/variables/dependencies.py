@@ -12,8 +12,8 @@ import numpy as np
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, layout, outputs, size
 from tensegrity_core.model import Model
 
-#: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about below,
-#: all that is known counts.
+#: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
+#: below, all that is known counts.
 STARTED = ("position", "velocity", "wound_rest_length_rate", "motor_speed", "kinetic", "dissipated", "input_work", "throughput")
 
 

@@ -99,7 +99,8 @@ def _derivatives(places: dict[tuple[str, ...], Variable]) -> dict[int, int]:
 
 
 def _hidden(field: Field, component: dict, model: Model) -> bool:
-    """The input of a rest length that is an output, because an actuator winds the string; a stiffness that no force law uses."""
+    """The input of a rest length that is an output, because an actuator winds the string; a stiffness that no force law
+    uses."""
     if field.name not in ("rest_length", "rest_length_rate", "stiffness"):
         return False
     string = model.string_names.index(component["S"])

@@ -191,7 +191,7 @@ def content_guid(description_without_guid: bytes, files: dict[str, bytes]) -> st
     return f"{{{h[:8]}-{h[8:12]}-{h[12:16]}-{h[16:20]}-{h[20:32]}}}"
 
 
-def _text(value: bool | int | float | str) -> str:
+def _text(value: bool | float | str) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return repr(value) if isinstance(value, float) else str(value)

@@ -279,7 +279,8 @@ def sine_inputs(model: Model, duration: float = SINE_DURATION) -> Inputs:
 
 
 def sine_peaks(model: Model, inputs: Inputs) -> tuple[float, np.ndarray]:
-    """m, of the last node from 2 s on, also between the communication points: its largest way, and by axis (axes,) its swing."""
+    """m, of the last node from 2 s on, also between the communication points: its largest way, and by axis (axes,) its
+    swing."""
 
     def watched(result: Result) -> np.ndarray:
         moved = displacement(result, len(model.nodes) - 1)[:, list(model.axes)]

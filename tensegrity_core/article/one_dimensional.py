@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def simulate(oscillator: Oscillator, times: np.ndarray, force: np.ndarray) -> Mo
     states = np.zeros((len(times), 2))
     switches = [0, *(np.flatnonzero(np.diff(force)) + 1), len(force)]
     position, power = 0.0, 0.0
-    for first, last in zip(switches, switches[1:]):  # the force is constant from times[first] to times[last]
+    for first, last in pairwise(switches):  # the force is constant from times[first] to times[last]
         rows, held = slice(first, last + 1), float(force[first])
         states[rows], extremes = _segment(oscillator, times[rows], held, states[first])
         position, power = max(position, extremes[:, 0].max()), max(power, (held * extremes[:, 1]).max())
@@ -120,10 +121,10 @@ def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.
     while True:
         piece = oscillator.piece(*state, force)
 
-        def rates(t, y):
+        def rates(t, y, piece=piece):
             return y[1], (force - oscillator.damping * y[1] - oscillator.spring_force(piece, y[0])) / oscillator.mass
 
-        events = [*_ends(oscillator, piece), lambda t, y: y[1], lambda t, y: rates(t, y)[1]]
+        events = [*_ends(oscillator, piece), lambda t, y: y[1], lambda t, y, rates=rates: rates(t, y)[1]]
         run = solve_ivp(rates, (t, times[-1]), state, method="DOP853", rtol=RTOL, atol=ATOL, events=events, dense_output=True)
         t, state = run.t[-1], run.y[:, -1]
         extremes += [state, *(y for turns in run.y_events[2:] for y in turns)]

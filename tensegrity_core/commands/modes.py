@@ -67,7 +67,8 @@ def steady(model: Model, texts: list[str]) -> tuple[Model, np.ndarray]:
 
 
 def summary(model: Model, found: list[Mode], count: int, force: np.ndarray | None = None) -> str:
-    """What `tensegrity modes` prints: directions that nothing resists by name, then a line per mode, the longest-lived first."""
+    """What `tensegrity modes` prints: directions that nothing resists by name, then a line per mode, the longest-lived
+    first."""
     freedoms = len(model.free_nodes) * len(model.axes) - len(model.bars)
     neutral, found = [mode.neutral for mode in found if mode.neutral], [mode for mode in found if not mode.neutral]
     lines = [f"{model.name}: {freedoms} degrees of freedom"]

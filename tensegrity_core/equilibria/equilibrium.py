@@ -131,8 +131,8 @@ class Equations:
         return Tangent(basis, basis.T @ total, basis.T @ full @ basis, basis.T @ push, growth, elongation, tension)
 
     def _basis(self, bar: np.ndarray, squared: np.ndarray) -> np.ndarray:
-        """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), shifts of those afloat and of nodes on
-        no bar."""
+        """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), shifts of those afloat and of nodes
+        on no bar."""
         mirror = bar / np.sqrt(squared)[:, None]
         mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
         scaled = 2.0 * mirror / np.einsum("bd,bd->b", mirror, mirror)[:, None]

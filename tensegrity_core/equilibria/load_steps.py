@@ -338,7 +338,7 @@ class LoadSteps:
     # --- Newton's method
 
     def _done(self, size: float, last: float) -> bool:
-        return size <= SETTLED or size <= NEARLY and size * (size / last) ** 2 <= CONVERGED
+        return size <= SETTLED or (size <= NEARLY and size * (size / last) ** 2 <= CONVERGED)
 
     def _to_load(self, z: np.ndarray, parameter: float, laws: OnPieces) -> State | None:
         """The stable equilibrium at p on these pieces; None where Newton's method does not converge at once."""
@@ -363,7 +363,7 @@ class LoadSteps:
             last = size
         else:
             return None
-        if not saddle.definite() or string >= 0 and not found.pull[1] < 0.0:
+        if not saddle.definite() or (string >= 0 and not found.pull[1] < 0.0):
             return None
         elongation = self.equations.elongation(z[:n], parameter)
         if string < 0:
@@ -453,8 +453,8 @@ class LoadSteps:
         return self._known_by(string, found, z, parameter, laws, self.equations.elongation(z[: self._n], parameter))
 
     def _solved(self, z, parameter: float, laws: OnPieces, condition):
-        """Newton's method for a stable equilibrium under a condition on x and the parameter: (z, parameter, bordered solution), or
-        None.  condition(z), asked once the saddle stands at z: its direction, how it changes with the parameter, its gap."""
+        """Newton's method for a stable equilibrium under a condition on x and the parameter: (z, parameter, bordered solution),
+        or None.  condition(z), asked once the saddle stands at z: its direction, how it changes with the parameter, its gap."""
         saddle, n, last = self.saddle, self._n, np.inf
         for _ in range(NEWTON):
             saddle.at(z, parameter, laws)
@@ -544,7 +544,7 @@ class LoadSteps:
                 return None
             z, parameter = z + step, parameter + p
             flat = abs(p) <= RESOLVED * abs(parameter) and abs(reserve) <= RESOLVED * self.equations.stiffest
-            if size <= SHARP or flat and size <= FLAT:
+            if size <= SHARP or (flat and size <= FLAT):
                 break
         else:
             return None

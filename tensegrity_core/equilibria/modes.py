@@ -17,8 +17,8 @@ equilibrium is unstable); an overdamped direction has two of them.
 
 Neutral directions, which K does not resist (rigid-body motions, mechanisms of slack strings), are found first, by the rank of
 K: their lambda = 0 is exact, and the rest is solved without them.  With N their basis and y = N a + Z b they obey a'' = 0 where
-dampers leave them alone too; else, with drag, b' = Z^T v and v' = -K Z b - C v (unit masses) has the other eigenvalues: those of
-the rates at which the drag stops them among these.
+dampers leave them alone too; else, with drag, b' = Z^T v and v' = -K Z b - C v (unit masses) has the other eigenvalues: those
+of the rates at which the drag stops them among these.
 """
 
 from __future__ import annotations
@@ -134,9 +134,9 @@ def mass_matrix(model: Model) -> np.ndarray:
 
 
 def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
-    """Modes about the model's start under external forces (N, 3), N; complex pairs once.  Neutral directions, rigid-body motions
-    first, come before all others, with lambda = 0 and their name; then what grows, or lives longest (rising decay rate, then
-    rising |lambda|).
+    """Modes about the model's start under external forces (N, 3), N; complex pairs once.  Neutral directions, rigid-body
+    motions first, come before all others, with lambda = 0 and their name; then what grows, or lives longest (rising decay rate,
+    then rising |lambda|).
 
     The start is meant to be an equilibrium under these forces (statics.settle makes it one).  damped: False leaves out the
     dampers.  Raises TooLarge.
@@ -170,8 +170,8 @@ def _complement(directions: np.ndarray) -> np.ndarray:
 
 
 def _eigenpairs(stiffness, damping, neutral, loose) -> tuple[np.ndarray, np.ndarray]:
-    """lambda with imaginary part >= 0, and phi (r, modes), of unit masses; without the zeros of neutral directions (r, k), which
-    the stiffness leaves alone, and of loose ones (r, l) among them, which the damping leaves alone too."""
+    """lambda with imaginary part >= 0, and phi (r, modes), of unit masses; without the zeros of neutral directions (r, k),
+    which the stiffness leaves alone, and of loose ones (r, l) among them, which the damping leaves alone too."""
     rest = _complement(loose)
     stiffness, damping, neutral = rest.T @ stiffness @ rest, rest.T @ damping @ rest, rest.T @ neutral
     dragged = np.linalg.svd(neutral, full_matrices=False)[0][:, : neutral.shape[1] - loose.shape[1]]

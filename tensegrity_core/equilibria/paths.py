@@ -80,7 +80,7 @@ class Path:
         found = []
         for before, after in zip(self.points, self.points[1:]):
             low, high = sorted((before.parameter, after.parameter))
-            if low <= parameter < high or parameter == after.parameter and after is self.points[-1]:
+            if low <= parameter < high or (parameter == after.parameter and after is self.points[-1]):
                 found.append(between(self.equations, self.scale, before, after, parameter))
         return found
 
@@ -290,7 +290,7 @@ class _Follower:
         for i in range(low, high):
             change = abs(end.values[i] - base.values[i])
             if not (found and abs(found[0].values[i]) <= 1e-4 * change):  # else it vanishes at the limit point
-                found.append(self.root(base, end, lambda p: p.values[i], "branch", 1e-13))
+                found.append(self.root(base, end, lambda p, i=i: p.values[i], "branch", 1e-13))
                 if found[-1] is None:
                     return None
         return sorted(found, key=lambda p: p.arc)

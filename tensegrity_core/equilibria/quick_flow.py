@@ -49,7 +49,7 @@ class _Flow:
 
     def settled(self, z: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
         saddle, n = self.saddle, self.saddle.n
-        pace, work, tried, watched, laws, before = 0.0, np.inf, 0, None, None, z
+        pace, work, highest, tried, watched, laws, before = 0.0, np.inf, np.inf, 0, None, None, z
         for _ in range(MOST):
             saddle.at(z, self.parameter)
             back = None

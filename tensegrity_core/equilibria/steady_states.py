@@ -157,7 +157,7 @@ def landing(path: Path, parameter: float, side: float, steps: LoadSteps | None =
 def _escape(path: Path, side: float) -> np.ndarray:
     """(n,) unit vector along which the structure leaves the end of a path."""
     last = path.points[-1]
-    if path.end == "limit" or path.end == "kink" and side * last.direction[-1] < 0.0:  # p turns: on along the path
+    if path.end == "limit" or (path.end == "kink" and side * last.direction[-1] < 0.0):  # p turns: on along the path
         beside = path.end == "limit" and len(path.points) > 1  # where two folds coincide, the direction is any of theirs
         return _unit(path.points[-2 if beside else -1].direction[:-1])
     tangent = last.local.tangent

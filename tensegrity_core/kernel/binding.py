@@ -123,8 +123,8 @@ class Kernel:
 
     values: (n_real,) float64 view of inputs, parameters and outputs in the order of fields.FIELDS; integers: (n_int,)
     int32 view in the order of INTEGER_FIELDS; layout, integer_layout: name -> slice; counts: letter -> count.
-    slopes: (2, inputs) view of the inputs' first and second derivatives by time, zero unless written: over a step an input is its
-    value + slope t + bend t^2/2.
+    slopes: (2, inputs) view of the inputs' first and second derivatives by time, zero unless written: over a step an input is
+    its value + slope t + bend t^2/2.
     Parameters written before `initialize` take effect there, inputs and tunables written between steps at the next step.
     A call that raises leaves the simulation as it was.
     """

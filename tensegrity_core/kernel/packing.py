@@ -56,8 +56,8 @@ def fnv1a(data: bytes) -> int:
 class _Programs:
     """Force laws as numbers that the kernel reads: each a tree in prefix order; a string keeps where its own begins, -1: none.
 
-    ints: of an element its kind (the place in `fields.ELEMENTS`) and what it counts: coefficients, points and interpolation (0 linear,
-    1 cubic), parts and law; doubles: k; Q, zeta, h; coefficients; x and f.
+    ints: of an element its kind (the place in `fields.ELEMENTS`) and what it counts: coefficients, points and interpolation (0
+    linear, 1 cubic), parts and law; doubles: k; Q, zeta, h; coefficients; x and f.
     """
 
     def __init__(self):

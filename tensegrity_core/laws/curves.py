@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -199,7 +200,7 @@ def turning_points(curve, start: float, end: float) -> list[float]:
     near = np.abs(roots.imag) <= 1e-7 * np.abs(roots)
     places = sorted({float(r) for r in roots[near].real if 0.0 < r < width})
     ends = [0.0, *places, width if width < math.inf else 2.0 * max(places, default=0.5)]
-    middle = [curve.value(start + 0.5 * (a + b))[1] for a, b in zip(ends, ends[1:])]
+    middle = [curve.value(start + 0.5 * (a + b))[1] for a, b in pairwise(ends)]
     found = []
     for at, before, after, low, high in zip(places, middle, middle[1:], ends, ends[2:]):
         if before * after < 0.0:
@@ -215,7 +216,7 @@ def _zero(function: Callable, low: float, high: float) -> float:
 def monotone(curve, start: float, end: float, snapped: int = 0, joined: bool = False) -> list[Stretch]:
     """A curve cut into stretches at its turning points."""
     ends = [start, *turning_points(curve, start, end), end]
-    return [stretch(curve, a, b, snapped, joined or a > start) for a, b in zip(ends, ends[1:])]
+    return [stretch(curve, a, b, snapped, joined or a > start) for a, b in pairwise(ends)]
 
 
 def stretch(curve, start: float, end: float, snapped: int = 0, joined: bool = False) -> Stretch:

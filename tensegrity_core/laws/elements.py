@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 
 from ..errors import InputError
 from ..model.elements import BEAM_RANGES, Beam, Element, Parallel, Polynomial, Series, Spring, Table
@@ -78,7 +79,7 @@ def _beam(beam: Beam) -> Law:
         extrema = honeycomb.beam_extrema(*curve)
         # beyond zeta = 14 the minimum still lies below 2h: s < 1/sqrt(3)
         ends[1:1] = [extrema.u_max, extrema.u_min]
-    return _leaf([stretch(curve, a, b, joined=a > 0.0) for a, b in zip(ends, ends[1:])])
+    return _leaf([stretch(curve, a, b, joined=a > 0.0) for a, b in pairwise(ends)])
 
 
 def _polynomial(element: Polynomial) -> Law:
@@ -109,7 +110,7 @@ def _parallel(element: Parallel) -> Law:
     if end == math.inf and ends[-1] < math.inf:
         ends.append(end)
     pieces, stretches, before = [], [], None
-    for a, b in zip(ends, ends[1:]):
+    for a, b in pairwise(ends):
         inside = [part.pieces[part.piece_of(0.5 * (a + b) if b < math.inf else a + 1.0) - 1] for part in parts]
         curve, snapped = SumCurve(tuple(one.curve for one in inside)), sum(one.snapped for one in inside)
         pieces.append(stretch(curve, a, b, snapped, curve == before))

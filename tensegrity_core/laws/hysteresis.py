@@ -83,7 +83,7 @@ class Memory:
         self.width = max((part.breakpoints[-1] for part in self.parts), default=0.0)  # m: what lengths are small beside
         self._branches: dict[tuple, tuple[Branch, ...]] = {}
         for i, part in enumerate(self.parts, 1):
-            if part.stretches[0].sign <= 0 or part.end == math.inf and part.stretches[-1].sign <= 0:
+            if part.stretches[0].sign <= 0 or (part.end == math.inf and part.stretches[-1].sign <= 0):
                 where = "at first" if part.stretches[0].sign <= 0 else "in the end"
                 raise InputError(f"series: the force of part {i} does not rise {where}; a part of a series with memory must")
 
@@ -204,7 +204,7 @@ class Branch:
             self.lower, self.upper = -math.inf, math.fsum(self._rest)
 
     def __eq__(self, other) -> bool:
-        return self is other or isinstance(other, Branch) and self._key == other._key
+        return self is other or (isinstance(other, Branch) and self._key == other._key)
 
     def __hash__(self) -> int:
         return hash(self._key[:3])
@@ -290,7 +290,7 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     low = max(0.0, *(min(one.first, one.last) for one in moving), *(part.end_force for part in stopped))
     high = min(max(one.first, one.last) for one in moving)
     tie = max(one.tie for one in (*moving, *(part.stretches[-1] for part in stopped)))
-    if len(leads) > 1 or low > high + tie or not leads and low >= high:
+    if len(leads) > 1 or low > high + tie or (not leads and low >= high):
         return ()
     if not leads:
         return (Branch(m, at, 0, None, rise(moving, low, high, held, base), (), low == 0.0, low, high),)
@@ -350,7 +350,7 @@ def _next(branch: Branch, way: int) -> tuple[Branch, float]:
     if branch.lead is not None:  # the force goes the other way than x
         shift = [way if i == branch.lead else -way for i in range(len(ending))]
         return _snap(branch, x, branch.lead, way, _shifted(branch.at, ending, shift))
-    for lead, ends in enumerate(ending):
+    for lead in range(len(ending)):
         at = _shifted(branch.at, ending, [way * (i == lead) for i in range(len(ending))])
         if m.sign(lead, at[lead]) < 0:
             return _snap(branch, x, lead, way, at)

@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from functools import cache, lru_cache, partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -229,7 +230,7 @@ def curve(nsh: NSH) -> Curve:
     last = max(done, key=lambda i: f_stop[i])
     ends.rise(last, "III", end_force, 2.0, done, [], f_stop, [])
     pieces = tuple(_with_guess(nsh, piece) for piece in ends.pieces)
-    return Curve(nsh, pieces, (0.0,) + tuple(p.xi_end for p in pieces), end_force)
+    return Curve(nsh, pieces, (0.0, *tuple(p.xi_end for p in pieces)), end_force)
 
 
 class _Ends:
@@ -571,9 +572,9 @@ def _panels(nsh: NSH, number: int) -> tuple[tuple[float, ...], ...]:
     while True:
         ends = np.linspace(piece.xi_start, piece.xi_end, count + 1)
         rows, error = [], 0.0
-        for start, end in zip(ends, ends[1:]):
+        for start, end in pairwise(ends):
 
-            def exact(t):
+            def exact(t, start=start, end=end):
                 return np.array([force_on_piece(nsh, number, x, 0.0) for x in start + 0.5 * (end - start) * (t + 1.0)])
 
             fit = chebyshev.chebinterpolate(exact, DEGREE)

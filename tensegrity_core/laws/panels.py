@@ -82,7 +82,7 @@ def _interpolated(start: float, end: float, values, energy, error: float) -> tup
         panels, largest = _fitted(start, end, values, energy, count)
         if largest < best_error:
             best, best_error = panels, largest
-        if largest <= error or largest > 0.5 * best_error and count > 16:
+        if largest <= error or (largest > 0.5 * best_error and count > 16):
             break
         count *= 2
     return best
@@ -95,10 +95,11 @@ def _fitted(start: float, end: float, values, energy, count: int) -> tuple[tuple
     panels, error = [], 0.0
     for i in range(count):
         centre = start + (2 * i + 1) * half
-        fits = [
-            chebyshev.cheb2poly(chebyshev.chebinterpolate(lambda t, which=which: values(centre + half * t, which), DEGREE))
-            for which in (0, 1)
-        ]
+
+        def scaled(t, which, centre=centre):
+            return values(centre + half * t, which)
+
+        fits = [chebyshev.cheb2poly(chebyshev.chebinterpolate(scaled, DEGREE, (which,))) for which in (0, 1)]
         exact = values(centre + half * between, 0)
         error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - exact).max()))
         panels.append(_panel(centre, half, 1.0, *fits, energy(centre - half)))

@@ -174,7 +174,7 @@ class OnPieces:
         self.falling = np.flatnonzero(laws.falls[np.arange(len(piece)), piece])
         at = laws._all + piece
         first, most = laws._first[at], laws._most[at]
-        centre, half, reach = laws._spans[:, first]
+        centre, _half, _reach = laws._spans[:, first]
         curved = (most > 0) | (np.abs(laws._laws[first, 1, 1:]).max(axis=1, initial=0.0) > 0.0)
         self.curved = np.flatnonzero(curved)
         self._stiffness = np.where(curved, 0.0, laws._laws[first, 1, 0])

@@ -9,7 +9,6 @@ Numbers may be Python's or NumPy's, lists of them any sequence or array; they ar
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Union
 
 from ..quantities import floats, number
 
@@ -94,8 +93,8 @@ class Series(_Parts):
     law: str = "single_valued"
 
 
-Element = Union[Spring, Beam, Polynomial, Table, Parallel, Series]
-Damper = Union[Polynomial, Table]
+Element = Spring | Beam | Polynomial | Table | Parallel | Series
+Damper = Polynomial | Table
 
 
 def simplified(element: Element) -> Element:

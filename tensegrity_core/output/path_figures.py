@@ -6,6 +6,7 @@ branch points, squares kinks and loose ends; dotted arrows show where the struct
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ def draw_behind(axes: Axes, paths: list[Path], quantity: Quantity) -> None:
 def by_stability(path: Path) -> list[tuple[bool, Path]]:
     """The path in parts that are stable or unstable throughout.  At a kink a point's stability is that of the way on."""
     points = path.points
-    steps = [a.stable and (b.stable or b.kind == "kink") for a, b in zip(points, points[1:])]
+    steps = [a.stable and (b.stable or b.kind == "kink") for a, b in pairwise(points)]
     ends = [i for i in range(1, len(steps)) if steps[i] != steps[i - 1]]
     spans = zip([0, *ends], [*ends, len(steps)])
     return [(steps[i], Path(path.equations, path.scale, points[i : j + 1])) for i, j in spans if j > i]

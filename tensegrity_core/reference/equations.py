@@ -67,8 +67,8 @@ def lengths(squares):
 
 
 def elastic_tension(elongation, k, curves=()):
-    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  elongation: xi - xi0, m; k (S,): stiffness, 0 where slack, N/m; curves: (string,
-    force over elongation) of the strings that are no plain springs, on the pieces of their curves that they use."""
+    """f_s (S,) N: gamma xi of eq. 2 and eq. 9.  elongation: xi - xi0, m; k (S,): stiffness, 0 where slack, N/m; curves:
+    (string, force over elongation) of the strings that are no plain springs, on the pieces of their curves that they use."""
     f = k * elongation
     for j, force in curves:
         f[j] = force(elongation.item(j))

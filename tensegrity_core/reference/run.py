@@ -431,7 +431,7 @@ class _Run:
         found = []
         for row, string in np.argwhere(crossed | turned):
 
-            def gap(at):
+            def gap(at, row=row, string=string):
                 return gaps(self.s, mode, self.strings(at, dense(at), mode))[row, string]
 
             at = _first_root(gap, times, samples[:, row, string], -ROUND_OFF[row])

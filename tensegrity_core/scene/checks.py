@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 from ..errors import SceneError
 from ..fields import owned_words
@@ -287,7 +288,7 @@ def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Ite
     for field, first in ((along, x[0]), ("force", f[0])):
         if first != 0.0:
             yield scene.error(f"{key}.{field}[1]", "is not 0", "Let both lists start with 0.")
-    for at, (before, after) in enumerate(zip(x, x[1:]), 2):
+    for at, (before, after) in enumerate(pairwise(x), 2):
         if not after > before:
             yield scene.error(f"{key}.{along}[{at}]", f"does not exceed the value before it, {before!r}", "Sort the points.")
         if after - before < 1e-12:

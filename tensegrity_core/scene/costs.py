@@ -5,6 +5,8 @@ Measured on one core of a few years' age; right to within a factor of about 5.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from ..model.elements import Beam, Element, Parallel, Polynomial, Series, Table
 
 #: Values of its parts that one value of a series takes, by Newton's method.
@@ -14,7 +16,8 @@ VALUE = 2e-5
 
 
 def seconds(element: Element) -> float:
-    """s: pieces of the law times the values of leaves that one of its values takes; of a series with memory its branches, too."""
+    """s: pieces of the law times the values of leaves that one of its values takes; of a series with memory its branches,
+    too."""
     branches = 1.3e-4 * snapping(element) ** 4 if isinstance(element, Series) and element.law == "hysteretic" else 0.0
     return VALUE * _pieces(element) * _values(element) + branches
 
@@ -36,7 +39,7 @@ def snapping(element: Element) -> int:
         return int(min(element.coefficients, default=0.0) < 0.0)
     if isinstance(element, Table):
         slopes = [b - a for a, b in zip(element.f, element.f[1:])]
-        return sum(before >= 0.0 > after for before, after in zip(slopes, slopes[1:]))
+        return sum(before >= 0.0 > after for before, after in pairwise(slopes))
     return 0
 
 

@@ -211,7 +211,8 @@ class Scene(Entry):
     strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
     point_masses: dict[str, NotNegative] = Field(
         default_factory=dict,
-        description="node name = mass in kg that the node carries beside its bar's, 0 or more; greater than 0 for a free node on no bar",
+        description="node name = mass in kg that the node carries beside its bar's, 0 or more; greater than 0 for a free node "
+        "on no bar",
     )
     drag: dict[str, NotNegative] = Field(
         default_factory=dict, description="free node's name = drag coefficient in N s/m, force per velocity, 0 or more"

@@ -36,7 +36,8 @@ EXTENDS_MEANING = (
 
 #: More dots in one key than tables may be deep.  Python's parser takes a time that grows with their square.
 DEEP_KEY = re.compile(
-    r"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){%d}""" % (2 * MOST_DEPTH)
+    r"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
+    rf"{{{2 * MOST_DEPTH}}}"
 )
 
 #: For each place of what is no table the file that it stands in.
@@ -175,7 +176,7 @@ def plain(data: Any, path: Path, depth: int = 0) -> Any:
 def _base_path(path: Path, base: str, below: tuple[Path, ...]) -> Path:
     """Where the scene stands that `path` extends; `below`: the files that led to `path`."""
     found = path.parent / base if base.endswith(".toml") else SCENE_FOLDER / f"{base}.toml"
-    if not re.fullmatch(IDENTIFIER, base) and not base.endswith(".toml") or not is_file(found):
+    if (not re.fullmatch(IDENTIFIER, base) and not base.endswith(".toml")) or not is_file(found):
         raise SceneError(str(path), "extends", base, f"{found} does not exist", f"Give {EXTENDS_MEANING}.")
     if _resolved(found) in (*below, _resolved(path)):
         raise SceneError(str(path), "extends", base, "closes a circle of scenes", "Extend a scene outside it.")

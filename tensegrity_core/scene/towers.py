@@ -232,7 +232,7 @@ def _tables(
 
 def _string(string: Member, stages: int, nsh: bool) -> dict[str, Any]:
     table = {"nodes": _names(string), "material": "cable"}
-    if nsh and (string.kind == "upper diagonal" or string.kind == "vertical" and (string.stage > 0 or stages == 1)):
+    if nsh and (string.kind == "upper diagonal" or (string.kind == "vertical" and (string.stage > 0 or stages == 1))):
         table["nsh"] = "article"
     return table
 

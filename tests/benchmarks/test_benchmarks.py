@@ -69,7 +69,7 @@ def test_kernel_through_the_benchmark_finds_every_transition(tools, tmp_path, da
     assert exact.counts["transitions"] == transitions
     assert max(apart.values()) < 1e-9
     for tolerance in (1e-4, 1e-8):
-        assert b.kernel("auto", tolerance, 0.0, 1).counts["transitions"] == transitions
+        assert b.kernel("auto", tolerance, 1).counts["transitions"] == transitions
 
 
 #: CVODE and ARKODE, root directions and plain roots.

@@ -146,7 +146,7 @@ def test_a_graze_is_found_once_or_where_the_tolerance_hides_it_not_at_all(grazes
     for case in grazes:
         for tolerance in missed.TOLERANCES:
             found = missed.run_ours(case.problem, method, tolerance).transitions
-            assert found == 2 or found == 0 and case.depth <= tolerance, (case.depth, tolerance, found)
+            assert found == 2 or (found == 0 and case.depth <= tolerance), (case.depth, tolerance, found)
 
 
 def excursion(case):

@@ -141,7 +141,7 @@ def torque(angle, load):
 
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
 def test_buckling_load_and_branches_of_an_upright_bar(gravity):
-    model, loading = upright(gravity)
+    _model, loading = upright(gravity)
     path = paths.follow(loading, 0.0, 3.0 * K * L)
     (branch,) = path.special("branch")
     assert branch.parameter == pytest.approx(2.0 * K * L - 0.5 * gravity, rel=1e-12)
@@ -162,7 +162,7 @@ def test_buckling_load_and_branches_of_an_upright_bar(gravity):
 
 
 def test_stability_ends_at_the_buckling_load_of_a_slow_load():
-    model, loading = upright()
+    _model, loading = upright()
     sweep = steady_states.load_sweep(loading, np.linspace(0.0, 2.02 * K * L, 8))
     assert [jump.kind for jump in sweep.jumps][:1] == ["branch"]
     assert sweep.jumps[0].parameter == pytest.approx(2.0 * K * L, rel=1e-12)
@@ -252,7 +252,7 @@ def test_tangent_stiffness_is_that_of_the_statics():
 
 
 def test_four_snaps_and_their_way_back():
-    model, loading = lifted("two_bar_nsh")
+    _model, loading = lifted("two_bar_nsh")
     up = steady_states.load_sweep(loading, LOADS)
     down = steady_states.load_sweep(loading, LOADS[::-1], nodes=up.nodes[-1])
     at_loads = [jump.parameter for jump in up.jumps]
@@ -265,7 +265,7 @@ def test_four_snaps_and_their_way_back():
 
 def test_a_load_that_goes_up_and_down_and_stays():
     """Also to loads within, and just beside, a jump."""
-    model, loading = lifted("two_bar_nsh")
+    _model, loading = lifted("two_bar_nsh")
     jump = 20.943741957
     parameters = [0.0, 10.0, 10.0, jump - 1e-6, jump + 1e-6, 30.0, 25.0, 25.0, 0.0, 30.0]
     sweep = steady_states.load_sweep(loading, parameters)
@@ -282,7 +282,7 @@ SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "si
 
 
 def up_and_back(name, **how):
-    model, loading = lifted(name)
+    _model, loading = lifted(name)
     up = steady_states.load_sweep(loading, LOADS, **how)
     return up, steady_states.load_sweep(loading, LOADS[::-1], nodes=up.nodes[-1], **how)
 
@@ -347,7 +347,7 @@ def test_paths_under_any_force_lead_to_what_settles(direction, load):
 
 
 def test_states_in_the_hysteresis_are_told_apart():
-    model, loading = lifted("two_bar_nsh")
+    _model, loading = lifted("two_bar_nsh")
     path = paths.follow(loading, 0.0, 72.0)
     limits = [p.parameter for p in path.special("limit")]
     assert len(limits) == 8 and path.end == "to"

@@ -18,7 +18,7 @@ def test_statics_finds_the_height_that_the_dynamics_reaches(name, snapped):
         force = push(model, load, 0.0)
         solved = statics.settle(solved, force=force, force_before=before, steps=20)
         before = force
-        run = kernel.simulate(model, held(model, grid(50.0, 10.0), force=lambda t: force))
+        run = kernel.simulate(model, held(model, grid(50.0, 10.0), force=lambda t, force=force: force))
         assert np.abs(run.velocity[-1]).max() < 1e-9, "not at rest yet"
         np.testing.assert_allclose(run.position[-1, 3:, 2], solved.nodes[3:, 2], rtol=0, atol=1e-6)
         if snapped:

@@ -170,7 +170,7 @@ def test_ros2_has_a_bounded_cost_and_stays_stable(damping, stiffness):
     model = dataclasses.replace(model, stiffness=np.full(6, float(stiffness)))
     kernel, rhs = pushed(model, method="ros2", max_step=1e-3), 0
     highest = []
-    for n in range(2000):
+    for _n in range(2000):
         before = kernel.stats
         kernel.step(1e-3)
         spent = {name: kernel.stats[name] - before[name] for name in before}

@@ -1,6 +1,7 @@
 """The C kernel: its equations, its transitions, its invariants, and what it does when it is driven too hard."""
 
 import dataclasses
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def curve_errors(honeycomb, samples=400):
     k.initialize()
     np.testing.assert_allclose(k.breakpoints(string), nsh.breakpoints(honeycomb), rtol=1e-12, atol=1e-13)
     ends = nsh.breakpoints(honeycomb)
-    inside = np.concatenate([np.linspace(a, b, max(3, samples // len(ends)))[1:-1] for a, b in zip(ends, ends[1:])])
+    inside = np.concatenate([np.linspace(a, b, max(3, samples // len(ends)))[1:-1] for a, b in pairwise(ends)])
     xi = np.concatenate([[-1e-3], inside, [1.01 * ends[-1]]])
     ours = np.array([k.string_law(string, x)[:3] for x in xi])
     stiffness = model.stiffness[string]
@@ -611,7 +612,7 @@ def test_a_result_has_all_outputs_and_no_other():
     assert list(run.outputs) == [field.name for field in fields.outputs()] and run.position is run.outputs["position"]
     assert all(name in run.__doc__ for name in run.outputs) and set(run.outputs) <= set(dir(run))
     with pytest.raises(AttributeError, match="no series 'heat'"):
-        run.heat
+        _ = run.heat
     with pytest.raises(ValueError, match="'snapped' is missing"):
         type(run)(run.times, **{name: series for name, series in run.outputs.items() if name != "snapped"})
     with pytest.raises(ValueError, match="'heat' is none"):

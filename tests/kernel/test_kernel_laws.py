@@ -2,6 +2,7 @@
 against their energy ledger."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -90,7 +91,7 @@ def walk_from(pieces, at, target):
 def test_trilinear_cells_follow_their_closed_form():
     kernel = Kernel(mast(200.0, element=Series((CELL,) * 3, "hysteretic")))
     there = np.linspace(0.0, 0.08, 4001)
-    force, energy, loss, snaps = walk(kernel, np.concatenate([there, there[::-1]]))
+    force, _energy, loss, snaps = walk(kernel, np.concatenate([there, there[::-1]]))
     np.testing.assert_allclose(snaps, [0.035, 0.051, 0.067, 0.062, 0.046, 0.030], atol=1e-14)
     assert loss[loss > 0.0] == pytest.approx([1.142857142857143e-3] * 6, rel=1e-10)
     assert loss.sum() == pytest.approx(6.857142857142857e-3, rel=1e-10)
@@ -131,7 +132,7 @@ def test_a_fold_is_where_the_elongation_is_largest():
         others = [
             2.0 * ARTICLE.h[j]
             if force >= 4.0 * ARTICLE.Q[j]
-            else brentq(lambda v: beam_force(j, v) - force, third[j], 2.0 * ARTICLE.h[j], xtol=1e-17)
+            else brentq(lambda v, j=j: beam_force(j, v) - force, third[j], 2.0 * ARTICLE.h[j], xtol=1e-17)
             for j in range(3)
         ]
         return u + sum(others) + force / 5000.0, force
@@ -202,8 +203,8 @@ def test_curves_with_memory_follow_the_flow(nsh, stiffness):
     kernel, flow = Kernel(mast(stiffness, nsh=nsh)), Relaxation(nsh, stiffness)
     total = 2.0 * sum(nsh.h) + 4.0 * max(nsh.Q) / stiffness
     turns = total * np.array([0.0, 1.02, -0.1, 0.6, 0.2, 0.8])
-    sweep = np.concatenate([np.linspace(a, b, 120) for a, b in zip(turns, turns[1:])])
-    force, energy, loss, snaps = walk(kernel, sweep)
+    sweep = np.concatenate([np.linspace(a, b, 120) for a, b in pairwise(turns)])
+    force, _energy, _loss, snaps = walk(kernel, sweep)
     np.testing.assert_allclose(force, [flow.tension(x) for x in sweep], rtol=0, atol=1e-7 * force.max())
     assert len(snaps) >= 1
 
@@ -237,7 +238,7 @@ def assert_consistent(kernel, size):
         if high > low:
             inside = np.linspace(low, high, 7)[1:-1]
             laws = np.array([kernel.piece_law(1, i, x) for x in inside])
-            work = [quad(lambda x: kernel.piece_law(1, i, x)[0], a, b, epsabs=1e-15)[0] for a, b in zip(inside, inside[1:])]
+            work = [quad(lambda x, i=i: kernel.piece_law(1, i, x)[0], a, b, epsabs=1e-15)[0] for a, b in pairwise(inside)]
             np.testing.assert_allclose(np.diff(laws[:, 2]), work, rtol=0, atol=1e-12 * size)
 
 
@@ -330,7 +331,7 @@ def test_series_of_straight_and_curved_parts():
     assert law(Series((Spring(300.0), Spring(600.0))), 0.4)[0] == pytest.approx(200.0 * 0.4, rel=1e-14)
     hardening, x = Polynomial((100.0, 0.0, 4e6)), np.concatenate([np.linspace(1e-4, 0.5, 30), [3.0, 40.0]])  # far past any use
     force = law(Series((hardening, Spring(500.0))), x)[0]
-    exact = [brentq(lambda u: u + (100.0 * u + 4e6 * u**3) / 500.0 - e, 0.0, e, xtol=1e-18) for e in x]
+    exact = [brentq(lambda u, e=e: u + (100.0 * u + 4e6 * u**3) / 500.0 - e, 0.0, e, xtol=1e-18) for e in x]
     np.testing.assert_allclose(force, [100.0 * u + 4e6 * u**3 for u in exact], rtol=2e-11)
     table = Table((0.0, 0.01, 0.02), (0.0, 1.0, 4.0))
     expected = [1.0 * t for t in (0.5, 1.0, 2.5, 8.0)]
@@ -356,7 +357,7 @@ def test_equal_parts_snap_one_after_the_other():
     for snapped in range(3):
         x += [0.03 + 0.016 * snapped, 0.04 + 0.016 * snapped, 0.046 + 0.016 * snapped]
         F += [1.0, 0.4, 1.0]
-    x, F = x + [x[-1] + 0.012], F + [1.4]
+    x, F = [*x, x[-1] + 0.012], [*F, 1.4]
     at = np.linspace(0.0, x[-1], 301)[1:]
     np.testing.assert_allclose([cells.string_law(1, e)[0] for e in at], np.interp(at, x, F), rtol=0, atol=1e-12)
 
@@ -419,14 +420,14 @@ def pulled(model, method, tolerance=1e-8, peak=30.0, last=0.0, steps=200, max_st
     fixed = 1e-4 if method in ("rk4", "ros2") else 0.0
     kernel = Kernel(model, method=method, tolerance=tolerance, max_step=max_step or fixed)
     kernel.initialize()
-    transitions, worst = [], 0.0
+    transitions, worst, start = [], 0.0, None
     for i in range(steps):
         part = i / (0.5 * steps)
         kernel["force"][0] = -peak * part if part < 1.0 else -last + (last - peak) * (2.0 - part)
         kernel.step(2.0 / steps)
         transitions += kernel.transitions
         balance = sum(kernel[name][0] for name in ("kinetic", "potential", "elastic", "dissipated")) - kernel["input_work"][0]
-        start = balance if i == 0 else start
+        start = balance if start is None else start
         worst = max(worst, abs(balance - start) / max(1.0, kernel["throughput"][0]))
     return kernel, transitions, worst
 
@@ -437,7 +438,7 @@ def snaps_of(transitions):
 
 def test_all_methods_pass_the_same_snaps():
     model = mast(rest=2.0**0.5, nsh=MEMORY)
-    exact, expected, ledger = pulled(model, "radau9", 1e-12)
+    _exact, expected, ledger = pulled(model, "radau9", 1e-12)
     assert len(snaps_of(expected)) == 7 and ledger < 1e-10
     at = np.array([t.time for t in expected if t.loss > 0.0])
     for method in METHODS:
@@ -686,6 +687,6 @@ def test_many_beams_in_series_are_the_exact_law(beams):
     end = exact.breakpoints(nsh)[-1]
     most = exact.force(nsh, end, 5000.0)
     for x in np.linspace(0.0, 1.05 * end, 301):
-        force, _, energy, piece = kernel.string_law(1, x)
+        force, _, energy, _piece = kernel.string_law(1, x)
         assert abs(force - exact.force(nsh, x, 5000.0)) < 2e-12 * most
         assert abs(energy - exact.energy(nsh, x, 5000.0)) < 1e-12 * most * end

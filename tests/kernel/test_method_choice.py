@@ -60,7 +60,8 @@ def test_tight_tolerances_on_stiff_strings(name, damping, tolerance):
 
 
 def test_a_damper_that_sets_in_and_out_at_every_step():
-    """Stability limits explicit steps, and the tension of a string that pulls or does nothing passes 0 in nearly all of them."""
+    """Stability limits explicit steps, and the tension of a string that pulls or does nothing passes 0 in nearly all of
+    them."""
     model = replace(built(MAST), damping=np.full(2, 5000.0), damping_law="tension_only")
     spent = {}
     for method in ("radau9", "auto"):
@@ -94,7 +95,7 @@ def test_saved_state_holds_what_auto_has_learnt():
     kernel["force"][2] = 45.0
     kernel.initialize()
     ends = []
-    for n in range(12):
+    for _n in range(12):
         kernel.step(0.1)
         state = kernel.save()
         kernel.step(0.25)

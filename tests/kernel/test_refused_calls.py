@@ -1,5 +1,5 @@
-"""What is refused leaves no trace: a state's bytes are those without it, whatever was refused, by whichever method.  And what is
-not finite is refused.
+"""What is refused leaves no trace: a state's bytes are those without it, whatever was refused, by whichever method.  And what
+is not finite is refused.
 
 The sequences are seeded: `python -m tests.kernel.test_refused_calls COUNT` runs COUNT of them for each scene and method.
 """

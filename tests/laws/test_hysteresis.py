@@ -1,6 +1,7 @@
 """Series with memory: closed forms, the internal dynamics integrated by brute force, and what must hold for any series."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -130,7 +131,7 @@ def test_against_the_internal_dynamics(parts, k, far):
 def test_losses_are_the_area_of_the_loop():
     for parts, k, far in ((ARTICLE, 5000.0, 0.11), (MIXED, 1500.0, 0.1), ((CELL,) * 3, 200.0, 0.08)):
         up, down = cycle(start(series(*parts), k), far)
-        area = sum(work(e.after, e.x, n.x) for way in (up, down) for e, n in zip(way, way[1:]))
+        area = sum(work(e.after, e.x, n.x) for way in (up, down) for e, n in pairwise(way))
         area += work(up[-1].after, up[-1].x, far) - work(up[-1].after, down[0].x, far)
         assert area == pytest.approx(sum(e.loss for e in up + down), rel=1e-10, abs=1e-13)
 
@@ -140,7 +141,7 @@ def work(branch, a, b):
     nodes, weights = leggauss(12)
     angles = np.linspace(0.0, 0.5 * math.pi, 9)
     total = 0.0
-    for low, high in zip(angles, angles[1:]):
+    for low, high in pairwise(angles):
         at = 0.5 * (high - low) * (nodes + 1.0) + low
         x = a + (b - a) * np.sin(at) ** 2
         jacobian = (b - a) * np.sin(2.0 * at) * 0.5 * (high - low)

@@ -1,6 +1,7 @@
 """Force laws of element trees: closed forms, `nsh` as a special case, SciPy's interpolants, quadrature and differences."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ def test_trees_are_continuous_and_consistent(tree):
     made = law(tree)
     ends = [*made.breakpoints, made.breakpoints[-1] + 0.01]
     work = 0.0
-    for p, (low, high) in enumerate(zip(ends, ends[1:]), 1):
+    for p, (low, high) in enumerate(pairwise(ends), 1):
         assert high > low
         here = made.force(high, K)
         assert made.force_on_piece(p, high, K) == pytest.approx(here, rel=1e-12, abs=1e-13)

@@ -1,6 +1,7 @@
 """The exact NSH law against known values, an independent bisection, quadrature and differences."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -159,7 +160,7 @@ def test_curve_is_continuous_and_consistent(n):
 def test_energy_is_the_integral_of_force(n):
     ends = nsh.breakpoints(n)
     work = 0.0
-    for low, high in zip(ends[:-1], ends[1:]):
+    for low, high in pairwise(ends):
         work += quad(lambda x: nsh.force(n, x, K), low, high, epsabs=1e-14, epsrel=1e-13)[0]
         assert nsh.energy(n, high, K) == pytest.approx(work, rel=1e-10)
 
@@ -239,7 +240,7 @@ def test_bad_requests():
 def test_the_table_equals_the_exact_force(honeycomb):
     ends = nsh.breakpoints(honeycomb)
     tolerance = 3.0 * nsh.TABLE_ERROR * 4.0 * max(honeycomb.Q)
-    for number, (start, end) in enumerate(zip(ends, ends[1:]), 1):
+    for number, (start, end) in enumerate(pairwise(ends), 1):
         for xi in np.linspace(start - 1e-4, end + 1e-4, 157):
             exact = nsh.force_on_piece(honeycomb, number, xi, 1000.0)
             assert abs(nsh.piece_force(honeycomb, number, 1000.0)(xi) - exact) <= tolerance

@@ -1,7 +1,10 @@
-"""Laws of parts that tie, exactly or nearly, against 40 digits (tied_laws.py): the exact laws in Python and the kernel's curves.
+"""Laws of parts that tie, exactly or nearly, against 40 digits (tied_laws.py): the exact laws in Python and the kernel's
+curves.
 
 More of them: ``python -m tests.laws.tied_laws 2000``.
 """
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -80,7 +83,7 @@ KINK = Table((0.0, 0.01, 0.03), (0.0, 14.112163790171294, 30.0))
 def test_with_memory_the_kernel_follows_ties_as_the_exact_law(parts, k):
     element = Series(parts, "hysteretic")
     turns = np.array([0.0, 0.2, -0.02, 0.09, 0.03, 0.2])
-    sweep = np.concatenate([np.linspace(a, b, 40) for a, b in zip(turns, turns[1:])])
+    sweep = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(turns)])
     force, _, loss, _ = walk(Kernel(mast(k, element=element)), sweep)
     branch = start(element, k)
     for x, found, lost in zip(sweep.tolist(), force, loss):
@@ -97,7 +100,8 @@ def compared(seed: int, base: int, most: int, fewest: int) -> tuple[str, str]:
 
 @pytest.mark.parametrize("seed", [1, 5, 9, 10, 22, 23, 27, 30, 31, 39])
 def test_with_memory_both_truths_go_the_same_random_way(seed):
-    """Maxima or minima that tie, or are apart by 100 ulps or 1e-12.  More of them: ``python -m tests.laws.tied_memory 48 0 3``."""
+    """Maxima or minima that tie, or are apart by 100 ulps or 1e-12.  More of them: ``python -m tests.laws.tied_memory 48 0
+    3``."""
     assert compared(seed, 0, 3, 2) == ("agree", "")
 
 

@@ -1,9 +1,10 @@
 """Series with memory whose beams tie, exactly or nearly, along random ways: the exact law in Python beside the kernel.
 
-``python -m tests.laws.tied_memory [COUNT [SEED [MOST [FEWEST]]]]``, MOST and FEWEST beams.  What is right at a tie, and beyond it,
-says `tensegrity_core.laws.hysteresis`.  Both truths go the same way, but at the edge of a tie: where the forces at two ends are
-apart by TIE of a stretch's largest force, to within ROUND_OFF of the larger one's, the last bits of either truth decide.  There
-each must still find an end, lose what its energies say, nothing less than 0, and stand on stable branches of the exact law.
+``python -m tests.laws.tied_memory [COUNT [SEED [MOST [FEWEST]]]]``, MOST and FEWEST beams.  What is right at a tie, and beyond
+it, says `tensegrity_core.laws.hysteresis`.  Both truths go the same way, but at the edge of a tie: where the forces at two ends
+are apart by TIE of a stretch's largest force, to within ROUND_OFF of the larger one's, the last bits of either truth decide.
+There each must still find an end, lose what its energies say, nothing less than 0, and stand on stable branches of the exact
+law.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import collections
 import math
 import sys
 from decimal import Decimal
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def way(random: np.random.Generator, element: Series, points: int = 40) -> np.nd
     """Elongations, m, along a random way: a full cycle and turns between."""
     far = 1.3 * sum(2.0 * beam.h for beam in element.parts)
     turns = [0.0, far, -0.01, *(random.uniform(0.0, far, 4)), -0.01]
-    return np.concatenate([np.linspace(a, b, points) for a, b in zip(turns, turns[1:])])
+    return np.concatenate([np.linspace(a, b, points) for a, b in pairwise(turns)])
 
 
 def apart_in_energy(kernel: Kernel, string: int = 1) -> float:
@@ -91,8 +92,8 @@ def on_a_branch(element: Series, k: float, x: float, force: float) -> float:
 
 
 def go_on(branch: Branch, x: np.ndarray, force: np.ndarray, near: float, room: float) -> tuple[str, str]:
-    """What must hold at the edge of a tie: the exact law goes on from its branch to its end along x (m), losing what its energies
-    say to within `room` (J), and the kernel's forces (N) are within `near` of those of stable branches."""
+    """What must hold at the edge of a tie: the exact law goes on from its branch to its end along x (m), losing what its
+    energies say to within `room` (J), and the kernel's forces (N) are within `near` of those of stable branches."""
     element, k = branch.memory.element, branch.memory.k
     for v in x.tolist():
         try:

@@ -15,9 +15,9 @@ NATIVE = Path(tensegrity_core.__file__).parent / "native"
 
 def arrays(header: str) -> dict[str, np.ndarray]:
     """The constant arrays of a tableau header, by name."""
-    text = re.sub(r"/\*.*?\*/", "", (NATIVE / "methods" / header).read_text(encoding="utf-8"), flags=re.S)
+    text = re.sub(r"/\*.*?\*/", "", (NATIVE / "methods" / header).read_text(encoding="utf-8"), flags=re.DOTALL)
     found = {}
-    for name, dims, body in re.findall(r"static const double (\w+)((?:\[\d+\])*) = (.*?);", text, flags=re.S):
+    for name, dims, body in re.findall(r"static const double (\w+)((?:\[\d+\])*) = (.*?);", text, flags=re.DOTALL):
         shape = [int(n) for n in re.findall(r"\d+", dims)]
         numbers = [float(x) for x in re.findall(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?", body)]
         found[name] = np.array(numbers).reshape(shape) if shape else np.array(numbers[0])
@@ -110,7 +110,7 @@ def test_dop853_dense_output_has_order_7(theta):
 
 
 def test_rodas5p_has_order_5_and_its_estimate_order_4():
-    t, gamma, Gamma, alpha = rodas5p()
+    t, _gamma, Gamma, alpha = rodas5p()
     beta = alpha + Gamma
     last = np.eye(8)[7]
     m = t["A"][7] + last
@@ -123,7 +123,7 @@ def test_rodas5p_has_order_5_and_its_estimate_order_4():
 
 @pytest.mark.parametrize("theta", [0.1, 0.5, 0.83])
 def test_rodas5p_dense_output_has_order_4(theta):
-    t, gamma, Gamma, alpha = rodas5p()
+    t, _gamma, Gamma, alpha = rodas5p()
     m = t["A"][7] + np.eye(8)[7]
     h = t["H"]
     weights = theta * (m + (1 - theta) * (h[0] + theta * (h[1] + theta * h[2])))
@@ -135,7 +135,7 @@ def test_rodas5p_dense_output_has_order_4(theta):
 
 
 def test_rodas5p_is_stiffly_accurate_and_l_stable():
-    t, gamma, Gamma, alpha = rodas5p()
+    t, _gamma, Gamma, alpha = rodas5p()
     beta, m = alpha + Gamma, t["A"][7] + np.eye(8)[7]
     b = m @ Gamma
     np.testing.assert_allclose(b, beta[7], atol=1e-12)  # stiffly accurate: R(infinity) = 0
@@ -176,7 +176,7 @@ def test_ros2_has_order_2_with_any_matrix_in_the_place_of_the_jacobian(which):
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_ros2_is_l_stable(which):
-    t, Gamma, alpha, b = ros2(which)
+    _t, Gamma, alpha, b = ros2(which)
 
     def R(z):
         return 1 + z * (b @ np.linalg.solve(np.eye(2) - z * (alpha + Gamma), np.ones(2)))

@@ -1,5 +1,7 @@
 """Pictures: what is drawn stands where the structure does, and a film shows the motion."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -153,7 +155,7 @@ def test_a_film_has_a_frame_per_sample_and_moves(lifted, tmp_path):
         for k in range(5):
             film.seek(k)
             frames.append(np.asarray(film.convert("RGB"), dtype=int))
-    assert all(np.any(a != b) for a, b in zip(frames, frames[1:]))
+    assert all(np.any(a != b) for a, b in pairwise(frames))
     assert frames[0][2, 2].tolist() == [255, 255, 255]
     dark = frames[0].sum(axis=2) < 200
     assert 0.01 < dark.mean() < 0.2, "the bars of the structure"

@@ -3,6 +3,7 @@
 import math
 import tomllib
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -286,7 +287,7 @@ def driven_pendulum(model, times, acceleration, angle, speed=0.0):
     m, tip, length = model.bar_mass[0], dict(model.point_mass)[1], model.bar_length[0]
     factor = (0.5 * m + tip) / ((m / 3.0 + tip) * length)
     found = [np.array([angle, speed])]
-    for k, (t, end) in enumerate(zip(times, times[1:])):
+    for k, (t, end) in enumerate(pairwise(times)):
 
         def ydot(t, y, k=k):
             ax, az = acceleration(t, k)

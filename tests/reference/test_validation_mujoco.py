@@ -71,7 +71,8 @@ def mujoco_positions(model: Model, duration: float, step: float) -> np.ndarray:
         )
     for (i, j), rest in zip(model.strings, model.rest_length):
         tendons.append(
-            f'<spatial stiffness="{STIFFNESS}" springlength="0 {float(rest)!r}"><site site="n{i}"/><site site="n{j}"/></spatial>'
+            f'<spatial stiffness="{STIFFNESS}" springlength="0 {float(rest)!r}">'
+            f'<site site="n{i}"/><site site="n{j}"/></spatial>'
         )
     text = (
         f'<mujoco><option integrator="RK4" timestep="{step!r}" gravity="0 0 0"><flag contact="disable"/></option>'

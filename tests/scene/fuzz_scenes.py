@@ -137,8 +137,7 @@ def sources() -> dict[str, str]:
     """Name -> text of every scene; those that extend a file have it beside them."""
     found = {path.stem: path.read_text(encoding="utf-8") for path in sorted(SCENE_FOLDER.glob("*.toml"))}
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
-        for name, text in re.findall(r"```toml\n# (\w+)\.toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
-            found[name] = text
+        found |= dict(re.findall(r"```toml\n# (\w+)\.toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL))
     return found
 
 

@@ -194,7 +194,7 @@ def test_a_command_that_is_given_a_long_word_says_so_in_one_line(words, letters,
         code = end.code
     printed = capsys.readouterr()
     assert (code, printed.out) == (2, "")
-    assert len(printed.err) <= 1501 or printed.err.startswith("usage") and len(printed.err) < 2500
+    assert len(printed.err) <= 1501 or (printed.err.startswith("usage") and len(printed.err) < 2500)
 
 
 # --- extends -----------------------------------------------------------------------------------------------------

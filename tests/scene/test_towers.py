@@ -178,7 +178,7 @@ def test_strings_with_nsh():
     kinds = {stages: [m for m in members(stages) if m.kind != "bar"] for stages in (1, 4)}
     for stages, strings in kinds.items():
         carrying = [m for m, s in zip(strings, tower(stages, nsh=True).strings.values()) if s.nsh]
-        expected = [m for m in strings if m.kind == "upper diagonal" or m.kind == "vertical" and (m.stage or stages == 1)]
+        expected = [m for m in strings if m.kind == "upper diagonal" or (m.kind == "vertical" and (m.stage or stages == 1))]
         assert carrying == expected
         assert not any(s.nsh for s in tower(stages).strings.values())
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from functools import cache, lru_cache
+from functools import cache
 from xml.etree import ElementTree
 
 import numpy as np

@@ -19,6 +19,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -253,7 +254,7 @@ class Instance:
 
     def walk(self, name: str, times: np.ndarray, random: np.random.Generator) -> None:
         """Steps between the times, under other inputs every fifth step."""
-        for k, (time, end) in enumerate(zip(times, times[1:])):
+        for k, (time, end) in enumerate(pairwise(times)):
             if k % 5 == 0:
                 self.drive(random)
             self.status(f"{name}.status", self.fmu.doStep, float(time), float(end - time))

@@ -308,9 +308,9 @@ def unguarded(tree: ast.AST) -> list[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and {alias.name for alias in node.names} & NEVER.get(node.module, set()):
             found.append(node)
-        if isinstance(node, ast.withitem) and isinstance(node.context_expr, ast.Call):
-            if called(node.context_expr) in ("replacing", "replacing_text") and isinstance(node.optional_vars, ast.Name):
-                safe.add(node.optional_vars.id)
+        bound = isinstance(node, ast.withitem) and isinstance(node.optional_vars, ast.Name) and node.context_expr
+        if isinstance(bound, ast.Call) and called(bound) in ("replacing", "replacing_text"):
+            safe.add(node.optional_vars.id)
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and called(node.value) in ("BytesIO", "StringIO"):
             safe |= {target.id for target in node.targets if isinstance(target, ast.Name)}
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):

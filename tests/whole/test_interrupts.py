@@ -210,7 +210,7 @@ def test_a_request_that_somebody_swallows_is_repeated():
                     os.kill(os.getpid(), signal.SIGTERM)
                 time.sleep(10.0)
                 return 0
-            except:  # noqa: E722
+            except:  # noqa: E722 (what such a library catches)
                 swallowed.append(sys.exc_info()[0])
                 if len(swallowed) == 3:
                     raise

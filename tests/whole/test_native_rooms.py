@@ -125,9 +125,9 @@ def idle(sources: dict[str, str]) -> list[str]:
             own = other == f"{name.removesuffix('.c')}.h"
             if other.endswith(".h") and not own and not words & names(sources.get(other, "")):
                 found.append(f"{name} uses nothing of {other}")
-        for other in re.findall(r"^#include <([^>]+)>", text, re.MULTILINE):
-            if not any(re.fullmatch(SYSTEM[other], word) for word in words):
-                found.append(f"{name} uses nothing of {other}")
+        system = re.findall(r"^#include <([^>]+)>", text, re.MULTILINE)
+        idle = [other for other in system if not any(re.fullmatch(SYSTEM[other], word) for word in words)]
+        found += [f"{name} uses nothing of {other}" for other in idle]
     return found
 
 

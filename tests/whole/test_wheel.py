@@ -103,7 +103,7 @@ def test_the_wheel_holds_what_the_clone_holds(home):
     made = {build.HERE / build.LIBRARY, build.RUNTIME / build.FMU_LIBRARY, build.PYTHON_RUNTIME / build.PYTHON_LIBRARY}
     compiled = {".so", ".dll", ".dylib"}
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*") if path.is_file()]
-    kept = [path for path in paths if path in made or path.suffix not in compiled and "__pycache__" not in path.parts]
+    kept = [path for path in paths if path in made or (path.suffix not in compiled and "__pycache__" not in path.parts)]
     assert found == {path.relative_to(ROOT).as_posix() for path in kept}
 
 

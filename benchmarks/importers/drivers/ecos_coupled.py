@@ -13,7 +13,7 @@ with EcosSimulationStructure() as structure:
 with simulation:
     simulation.init()
     rows = [[simulation.get_real(f"one::{name}") for name in job.outputs]]
-    for k in range(job.steps):
+    for _k in range(job.steps):
         simulation.step()
         rows.append([simulation.get_real(f"one::{name}") for name in job.outputs])
     simulation.terminate()

@@ -73,7 +73,7 @@ def test_files_of_an_fmu(fmus):
     assert binaries == {f"binaries/{platform}/three_bar_nsh{Path(PYTHON_LIBRARY).suffix}" for platform in ours}
     assert files["model.png"].startswith(b"\x89PNG")
     assert b"MIT" in files["documentation/licenses/license.txt"] and files["documentation/licenses/pythonfmu.txt"]
-    assert list(files)[0] == "modelDescription.xml"
+    assert next(iter(files)) == "modelDescription.xml"
     with zipfile.ZipFile(fmus["three_bar_nsh"]) as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
         assert archive.testzip() is None

@@ -45,7 +45,7 @@ def test_actuator_follows_eq_8(runtime, tmp_path):
         instance.set({"current": current, "tension": tension})
         instance.fmu.doStep(0.05 * k, 0.05)
 
-        def equation(t, y):
+        def equation(t, y, current=current, tension=tension):
             torque = motor.torque_constant * current - motor.damping * y[1] - motor.radius * tension
             return [y[1], torque / motor.inertia]
 

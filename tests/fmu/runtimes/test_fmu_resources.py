@@ -92,7 +92,7 @@ def sweep(folder: Path, name: str, every: int, refuse=refused) -> int:
     """Number of damages tried; each must be refused, and the good file be taken again in the end."""
     path, count = folder / "resources" / name, 0
     good = path.read_bytes()
-    for what, bad in damaged(good, every):
+    for _what, bad in damaged(good, every):
         if bad == good:
             continue
         path.write_bytes(bad)
@@ -182,7 +182,8 @@ def test_unreadable_files_of_the_python_fmu_are_refused(python_folder):
 
 
 def test_caches_of_python_are_neither_read_nor_left(fmus, tmp_path):
-    """A cache is not among the files that are checked: a damaged one, as Python would take it for a module's, changes nothing."""
+    """A cache is not among the files that are checked: a damaged one, as Python would take it for a module's, changes
+    nothing."""
     with zipfile.ZipFile(fmus["two_bar"]) as archive:
         archive.extractall(tmp_path / "one")
     program = (

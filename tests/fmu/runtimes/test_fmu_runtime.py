@@ -1,5 +1,5 @@
-"""The Python FMU behind fmpy's low-level calls: runs, values, several FMUs and versions in one process.  What both runtimes have
-in common is tested in test_native_fmu.py."""
+"""The Python FMU behind fmpy's low-level calls: runs, values, several FMUs and versions in one process.  What both runtimes
+have in common is tested in test_native_fmu.py."""
 
 import ctypes
 import importlib

@@ -714,7 +714,7 @@ def test_the_solvers_work_is_logged(both):
     one = both("three_bar_nsh", "stepping")
     one.walk(3)
     assert one.do("Terminate") == OK
-    assert [text for _, category, text in one.messages if category == "logSolver"][0].startswith("since the start: ")
+    assert next(text for _, category, text in one.messages if category == "logSolver").startswith("since the start: ")
 
 
 def test_categories_are_those_of_the_description(both):
@@ -1056,7 +1056,7 @@ def test_output_derivatives_are_the_kernels(name, both):
         status, found = one.output_derivatives(outputs)
         assert status == OK
         np.testing.assert_allclose(found, np.concatenate([*kernel.output_derivatives().values()]), rtol=1e-12, atol=1e-14)
-    shown = {name: value for name, value in zip(outputs, found)}
+    shown = dict(zip(outputs, found))
     assert shown["n4.z"] == pytest.approx(one.get("n4.velocity.z"), rel=1e-9)
 
 

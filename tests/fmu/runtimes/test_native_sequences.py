@@ -205,7 +205,7 @@ class Sequences(RuleBasedStateMachine):
     )
     def wrong_references_and_null_pointers(self, data, function):
         n = data.draw(st.integers(0, 5))
-        if n == 0 or self.expected.mode == "stepping" and n < 5:
+        if n == 0 or (self.expected.mode == "stepping" and n < 5):
             return
         references = (c_uint * n)(*data.draw(st.lists(st.integers(10**4, 2**32 - 1), min_size=n, max_size=n)))
         kind = getattr(self.one.library, f"fmi2{function}").argtypes[3]
@@ -230,7 +230,7 @@ class Sequences(RuleBasedStateMachine):
 
     @rule()
     def output_derivatives(self):
-        status, found = self.one.output_derivatives([self.output])
+        status, _found = self.one.output_derivatives([self.output])
         # after an error there may be no start to differentiate yet
         possible = {"stepping": [OK], "terminated": [OK], "error": [OK, DISCARD]}
         wanted = possible.get(self.expected.mode, [DISCARD])

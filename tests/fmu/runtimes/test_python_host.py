@@ -234,7 +234,8 @@ def test_what_a_candidate_lacks_is_said(answer, words, host, python_folders, tmp
 
 
 def test_a_candidate_of_several_names_is_reported_once(host, python_folders, tmp_path):
-    """An environment without NumPy has `python`, `python3` and `python3.x`; links lead to it and to something that is no Python."""
+    """An environment without NumPy has `python`, `python3` and `python3.x`; links lead to it and to something that is no
+    Python."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(tmp_path / "bare")], check=True)
     other = fake(tmp_path / "other", "hello")
     (tmp_path / "links").mkdir()

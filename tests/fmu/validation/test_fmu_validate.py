@@ -631,8 +631,8 @@ def useless(request, tmp_path, monkeypatch):
 
 
 def test_a_useless_cache_is_told_first_and_does_no_harm(useless, result, brief, tmp_path, capsys):
-    run, computed = result
-    assert str(useless) in trouble(useless) and trouble(None) is None and trouble(tmp_path) is None or useless.name == "cache"
+    _run, computed = result
+    assert (str(useless) in trouble(useless) and trouble(None) is None and trouble(tmp_path) is None) or useless.name == "cache"
     told = []
     assert cached(useless, "0" * 64, lambda: computed, told.append) == (computed, False)
     assert len(told) == 1 and str(useless) in told[0]
@@ -643,14 +643,14 @@ def test_a_useless_cache_is_told_first_and_does_no_harm(useless, result, brief, 
 
 
 def test_a_cache_that_can_only_be_read_is_read(result, tmp_path, monkeypatch):
-    run, computed = result
+    _run, computed = result
     cached(tmp_path, "1" * 64, lambda: computed)
     monkeypatch.setattr("fmu_src.validation.reference_cache.write", lambda *_: pytest.fail("written to"))
     assert cached(tmp_path, "1" * 64, lambda: pytest.fail("computed although cached"))[1]
 
 
 def test_what_a_failed_write_began_is_removed(result, tmp_path, monkeypatch):
-    run, computed = result
+    _run, computed = result
 
     def refuse(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

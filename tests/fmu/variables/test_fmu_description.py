@@ -107,9 +107,7 @@ def test_methods_are_an_enumeration(fmus):
     description = read_model_description(str(fmus["three_bar"]))
     method = next(v for v in description.modelVariables if v.name == "solver.method")
     assert method.type == "Enumeration" and method.variability == "fixed"
-    assert [(item.name, int(item.value)) for item in method.declaredType.items] == list(
-        (name, i) for i, name in enumerate(METHODS)
-    )
+    assert [(item.name, int(item.value)) for item in method.declaredType.items] == [(name, i) for i, name in enumerate(METHODS)]
 
 
 def test_flat_names(tmp_path):
