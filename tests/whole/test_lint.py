@@ -1,4 +1,4 @@
-"""What reads the code: .ci/lint and the pre-commit hooks run the same tools, in the versions of the extra `lint` of pyproject.toml."""
+"""What reads the code: .ci/lint and the pre-commit hooks run the same tools, in the versions that pyproject.toml pins."""
 
 import re
 import tomllib
