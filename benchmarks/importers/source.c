@@ -46,9 +46,9 @@ fmi2Status fmi2Reset(fmi2Component c)
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
+    if (!c) return fmi2Error;
     double half = floor(((wave *)c)->time / (0.5 * PERIOD) + 1e-6); /* halves counted; room for the host's round-off */
     double height = fmod(half, 2.0) == 0.0 ? HEIGHT : -HEIGHT;
-    if (!c) return fmi2Error;
     for (size_t i = 0; i < n; i++) value[i] = vr[i] == 0 ? height : LIFT;
     return fmi2OK;
 }

@@ -189,7 +189,7 @@ static void report_counts(int scene, const char *run, int method, const int64_t 
 /* One batch of runs of one kind by one method. */
 static void time_run(const scene *s, int method, const char *kind, double part, int report)
 {
-    int64_t stats[TS_STATS];
+    int64_t stats[TS_STATS] = {0};
     double spent = 0.0;
     long n = 0;
     traced = lost = 0.0;

@@ -27,9 +27,9 @@ int variables_read(variable_table *table, char *bytes, size_t size)
     table->count = head[1];
     table->strings = head[2];
     table->tolerance = head[3];
-    table->low = (const double *)(bytes + at);
+    table->low = (const double *)(const void *)(bytes + at);
     table->high = table->low + count;
-    table->settable = (const int32_t *)(table->high + count);
+    table->settable = (const int32_t *)(const void *)(table->high + count);
     table->name = (const char **)malloc(sizeof *table->name * (texts + 1));
     if (!table->name) return 0;
     const char *text = (const char *)(table->settable + count), *end = bytes + size;

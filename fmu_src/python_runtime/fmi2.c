@@ -94,9 +94,9 @@ static char *copy_of(const char *text, size_t size)
 /* Bytes of Python as a text; NULL where they are none. */
 static char *text_of(const python *py, PyObject *bytes)
 {
-    char *text;
+    char *bare;
     ptrdiff_t size;
-    return bytes && !py->PyBytes_AsStringAndSize(bytes, &text, &size) ? copy_of(text, (size_t)size) : NULL;
+    return bytes && !py->PyBytes_AsStringAndSize(bytes, &bare, &size) ? copy_of(bare, (size_t)size) : NULL;
 }
 
 /* The slave's messages, taken out of Python; most calls have none. */
@@ -142,10 +142,10 @@ static int enter(const instance *fmu, int *lock, const char *what)
         *lock = fmu->py.PyGILState_Ensure();
         return 1;
     }
-    report text = {NULL, 0, 0};
-    report_add(&text, "%s: the host has ended Python", what);
-    if (text.text) say(fmu, fmi2Error, "logStatusError", text.text);
-    free(text.text);
+    report ended = {NULL, 0, 0};
+    report_add(&ended, "%s: the host has ended Python", what);
+    if (ended.text) say(fmu, fmi2Error, "logStatusError", ended.text);
+    free(ended.text);
     return 0;
 }
 
@@ -377,24 +377,24 @@ static int vouches(const char *text, size_t size, const char *name, const char *
 static char *main_source(const char *location, char file[160], char *reason, size_t capacity)
 {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_";
-    size_t size, source_size;
-    char *text = fmu_resource(location, "slavemodule.txt", &size, reason, capacity), *source = NULL;
-    size_t length = text ? strspn(text, letters) : 0;
-    if (!text) return NULL;
-    if (!length || length > 150 || text[length] != '\n') {
+    size_t size = 0, source_size = 0;
+    char *list = fmu_resource(location, "slavemodule.txt", &size, reason, capacity), *source = NULL;
+    size_t length = list ? strspn(list, letters) : 0;
+    if (!list) return NULL;
+    if (!length || length > 150 || list[length] != '\n') {
         snprintf(reason, capacity, "resources/slavemodule.txt is damaged; unzip the FMU anew");
     } else {
-        snprintf(file, 160, "%.*s.py", (int)length, text);
+        snprintf(file, 160, "%.*s.py", (int)length, list);
         source = fmu_resource(location, file, &source_size, reason, capacity);
     }
     file[source ? length : 0] = 0; /* without the suffix, to compare */
-    if (source && !vouches(text, size, file, source, source_size)) {
+    if (source && !vouches(list, size, file, source, source_size)) {
         snprintf(reason, capacity, "resources/%s.py or resources/slavemodule.txt is damaged; unzip the FMU anew", file);
         free(source);
         source = NULL;
     }
     if (source) strcat(file, ".py");
-    free(text);
+    free(list);
     return source;
 }
 
@@ -555,9 +555,9 @@ FMI2_Export fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference v
     py->Py_DecRef(fmu->strings);
     fmu->strings = list;
     for (size_t i = 0; i < n; i++) {
-        char *text;
+        char *bare;
         ptrdiff_t size;
-        value[i] = py->PyBytes_AsStringAndSize(py->PyList_GetItem(list, (ptrdiff_t)i), &text, &size) ? "" : text;
+        value[i] = py->PyBytes_AsStringAndSize(py->PyList_GetItem(list, (ptrdiff_t)i), &bare, &size) ? "" : bare;
     }
     return leave(fmu, lock, fmi2OK);
 }

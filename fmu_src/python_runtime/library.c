@@ -108,11 +108,11 @@ static void *hidden_python(void)
     report paths = {NULL, 0, 0};
     void *found = NULL;
     dl_iterate_phdr(collect, &paths);
-    for (char *path = paths.text; path && *path && !found;) {
-        char *end = strchr(path, '\n');
+    for (char *path = paths.text, *end; path && *path && !found; path = end + 1) {
+        end = strchr(path, '\n');
+        if (!end) break;
         *end = 0;
         found = python_in(path);
-        path = end + 1;
     }
     free(paths.text);
     return found;

@@ -169,7 +169,8 @@ ptrdiff_t process_output(const char *program, const char *first, const char *sec
     close(ends[0]);
     if (failed) return -1;
     if (size < 0) kill(child, SIGKILL);
-    while (waitpid(child, NULL, 0) < 0 && errno == EINTR) continue;
+    while (waitpid(child, NULL, 0) < 0 && errno == EINTR) {
+    }
     return size;
 }
 

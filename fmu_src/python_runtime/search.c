@@ -154,7 +154,7 @@ static int try_program(hunt *h, const char *folder, size_t length, const char *n
 {
     char line[4096];
     int n = snprintf(line, sizeof line, "\n%.*s%s%s\n", (int)length, folder, *name == *SLASH ? "" : SLASH, name);
-    if (!length || n < 0 || n >= (int)sizeof line || (h->tried.text && strstr(h->tried.text, line))) return 0;
+    if (!length || n < 1 || n >= (int)sizeof line || (h->tried.text && strstr(h->tried.text, line))) return 0;
     report_add(&h->tried, "%s", line);
     line[n - 1] = 0;
 #if defined(__APPLE__) /* a stub that asks the user to install tools, or too old */

@@ -155,10 +155,10 @@ def _compile(target: Path, command: list[str], sources: list[Path], options: lis
     return target
 
 
-def compile_library(directory: Path, command: list[str] | None = None) -> Path:
-    """The kernel for this platform, into a folder."""
+def compile_library(directory: Path, command: list[str] | None = None, options: tuple[str, ...] = ()) -> Path:
+    """The kernel for this platform, into a folder; options: of the compiler, they come after FLAGS."""
     command = command or system_compiler() or zig()
-    return _compile(directory / LIBRARY, command, kernel_sources(), [f"-I{HERE}"], sys.platform == "win32")
+    return _compile(directory / LIBRARY, command, kernel_sources(), [f"-I{HERE}", *options], sys.platform == "win32")
 
 
 def _compile_for(platform: str | None, target: Path, sources: list[Path], options: list[str]) -> Path:

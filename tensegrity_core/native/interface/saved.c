@@ -1,5 +1,6 @@
 /* Saved states: all that the next steps depend on, as bytes. */
 #include "interface/applied.h"
+#include "invariants.h"
 #include "interface/checks.h"
 #include "interface/message.h"
 #include "model/data.h"
@@ -60,6 +61,7 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
     if (size != ts_state_size(sim)) return TS_BAD_STATE;
     memcpy(bytes, &header, sizeof header);
     size_t parts = copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT), ahead = sizeof(double) * sim->ahead_size;
+    TS_ASSERT(sizeof header + parts + sizeof(uint64_t) == size);
     ts_memory memory = sim->memory;
     ts_clear_scratch(sim, &memory, (char *)bytes + sizeof header + parts - ahead);
     memcpy((char *)bytes + sizeof header, &memory, sizeof memory);
@@ -106,7 +108,7 @@ static int is_possible(const ts_sim *sim)
 
 int ts_restore(ts_sim *sim, const void *bytes, size_t size)
 {
-    state_header header;
+    state_header header = {0, 0};
     uint64_t hash = 0;
     if (size == ts_state_size(sim)) {
         memcpy(&header, bytes, sizeof header);

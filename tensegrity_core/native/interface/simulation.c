@@ -1,5 +1,6 @@
 /* The public interface: life cycle, and steps that leave no trace when they fail. */
 #include "interface/applied.h"
+#include "invariants.h"
 #include "interface/checks.h"
 #include "interface/message.h"
 #include "laws/curves.h"
@@ -213,7 +214,9 @@ static void add_time(ts_memory *memory, double h)
 /* The end of a call: time and outputs. */
 static int settle(ts_sim *sim, double h, int sloped)
 {
+    const double before = sim->memory.time;
     add_time(&sim->memory, h);
+    TS_ASSERT(sim->memory.time >= before && ts_choice_is_possible(sim));
     sim->memory.last_step = h;
     sim->memory.sloped = sloped;
     ts_rhs(sim, h, sim->y, sim->f0);

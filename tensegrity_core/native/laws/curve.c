@@ -6,6 +6,7 @@
  * distance s^2 from the fold by powers of s, and so do the polynomials.  Past a fold the force stays as it is there, so that
  * a trial step may look beyond. */
 #include "laws/curve.h"
+#include "invariants.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -81,6 +82,7 @@ static const double *uneven_row(const ts_piece *p, const double *table, double x
     int i = place > 0.0 ? (place < p->each ? (int)place : p->each - 1) : 0;
     *t = place - i;
     *scale = 1.0 / w;
+    TS_ASSERT(octave >= 0 && octave * p->each + i < p->rows);
     return table + TS_ROW * (p->first + octave * p->each + i);
 }
 
@@ -226,11 +228,25 @@ void ts_curve_free(ts_curve *c)
 void ts_curve_chain(ts_curve *c)
 {
     for (int i = 0; i < c->pieces; i++) {
+        TS_ASSERT(i == 0 || c->piece[i].lo == c->piece[i - 1].hi);
         c->piece[i].down = i - 1;
         c->piece[i].up = i + 1 < c->pieces ? i + 1 : -1;
         c->piece[i].loss_down = c->piece[i].loss_up = 0.0;
     }
     c->branches = 0;
+}
+
+/* A string that is a spring of stiffness k: the straight piece alone. */
+const char *ts_curve_plain(ts_curve *c)
+{
+    memset(c, 0, sizeof *c);
+    c->piece = (ts_piece *)calloc(2, sizeof *c->piece);
+    if (!c->piece) return "out of memory";
+    c->piece[0] = ts_piece_of(TS_SLACK, -INFINITY, 0.0, 0);
+    c->piece[1] = ts_piece_of(TS_STRAIGHT, 0.0, INFINITY, 0);
+    c->pieces = 2;
+    ts_curve_chain(c);
+    return NULL;
 }
 
 /* Piece that holds the elongation x: of a chain; where there is memory, that of a first loading. */
@@ -246,6 +262,7 @@ int ts_curve_walk(const ts_curve *c, int piece, double x, double guard, double *
 {
     for (int n = 0; n <= 2 * c->pieces; n++) {
         const ts_piece *p = c->piece + piece;
+        TS_ASSERT(piece >= 0 && piece < c->pieces && n < 2 * c->pieces);
         if (x > p->hi + guard && p->up >= 0) {
             *loss += p->loss_up;
             piece = p->up;

@@ -10,6 +10,7 @@ double ts_piece_energy(const ts_piece *p, const double *table, double reach, dou
 double ts_piece_integrate(const ts_piece *p, double *table, double energy);
 double ts_row_width(const ts_piece *p, int row, double *begin);
 void ts_curve_chain(ts_curve *c);
+const char *ts_curve_plain(ts_curve *c);
 double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *stiffness);
 double ts_curve_energy(const ts_curve *c, int piece, double x, double k);
 void ts_curve_free(ts_curve *c);

@@ -49,19 +49,6 @@ static int same_curve(const ts_sim *sim, const double *key, int i, int j)
     return 1;
 }
 
-/* A string that is a spring of stiffness k: the straight piece alone. */
-static const char *plain_curve(ts_curve *c)
-{
-    memset(c, 0, sizeof *c);
-    c->piece = (ts_piece *)calloc(2, sizeof *c->piece);
-    if (!c->piece) return "out of memory";
-    c->piece[0] = ts_piece_of(TS_SLACK, -INFINITY, 0.0, 0);
-    c->piece[1] = ts_piece_of(TS_STRAIGHT, 0.0, INFINITY, 0);
-    c->pieces = 2;
-    ts_curve_chain(c);
-    return NULL;
-}
-
 /* Beams in series as parts of any law. */
 static const char *series_of_beams(ts_curve *c, int n, const double *Q, const double *zeta, const double *h, int memory,
                                    double stiffness)
@@ -113,7 +100,7 @@ static const char *build(ts_sim *sim, int i)
     const double *beams = sim->values + m->beam_first[i], *Q = beams + m->at[TS_NSH_Q], *zeta = beams + m->at[TS_NSH_ZETA];
     const double *h = beams + m->at[TS_NSH_H];
     if (m->beams[i]) return series_of_beams(c, m->beams[i], Q, zeta, h, m->beam_law[i], k);
-    return m->element[2 * i] >= 0 ? element_curve(c, m, i, k) : plain_curve(c);
+    return m->element[2 * i] >= 0 ? element_curve(c, m, i, k) : ts_curve_plain(c);
 }
 
 /* Force curves from the present parameters; a reason why there are none, or NULL. */

@@ -3,6 +3,7 @@
  * Springs, beams, polynomials, tables and sums of these are exact up to round-off.  What only an equation defines, parts in
  * series (series.c), holds polynomials through its exact values, as far apart as TS_FIT_ERROR allows. */
 #include "laws/law.h"
+#include "invariants.h"
 #include "laws/curve.h"
 #include "laws/polynomial.h"
 #include "linear/pairs.h"
@@ -29,6 +30,7 @@ void ts_law_append(ts_law *law, ts_law_piece piece)
         return;
     }
     law->piece = s;
+    TS_ASSERT(piece.p.lo == (law->n ? s[law->n - 1].p.hi : 0.0) && piece.p.hi > piece.p.lo);
     s[law->n++] = piece;
 }
 
@@ -101,6 +103,7 @@ int ts_law_snapped(const ts_law *law, int piece) { return law->piece[piece < law
 
 double ts_law_force(const ts_law *law, int piece, double u, double *slope)
 {
+    TS_ASSERT(piece >= 0 && piece < law->n);
     return ts_piece_force(&law->piece[piece].p, law->table, INFINITY, u, 0.0, slope);
 }
 

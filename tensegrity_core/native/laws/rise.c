@@ -4,6 +4,7 @@
  * elongation is found for all parts at once, from where they were found last; where that does not settle, which is next to
  * maxima that tie, inside a bracket of the leader's elongation. */
 #include "laws/rise.h"
+#include "invariants.h"
 #include "linear/pairs.h"
 
 #include <math.h>
@@ -57,12 +58,14 @@ static void gather(ts_rise *r, int j)
         m->count++;
         return;
     }
+    TS_ASSERT(r->movers < r->n);
     r->mover[r->movers++] = MAKE(ts_mover){r->part + j, j, 1, r->at[j], degree_of(r->part + j, r->at[j]), 0.0, 0.0};
 }
 
 /* Which parts move, equal ones together: what ts_rise_force() goes by from then on. */
 void ts_rise_gather(ts_rise *r)
 {
+    TS_ASSERT(r->leader >= 0 && r->leader < r->n && r->at[r->leader] < r->part[r->leader].n && r->hi >= r->lo);
     r->stopped = 0.0;
     r->movers = 0;
     gather(r, r->leader);

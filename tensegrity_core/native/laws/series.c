@@ -1,6 +1,7 @@
 /* The single-valued law of parts in series (Algorithm 1): between rises (rise.c) the part whose maximum is lowest follows its own
  * curve until it bears that force again, the others held. */
 #include "laws/series.h"
+#include "invariants.h"
 #include "laws/curve.h"
 #include "laws/fit.h"
 #include "laws/rise.h"
@@ -64,6 +65,7 @@ static void rise_to(climb *c, int leader, double top)
     ts_rise_gather(&r);
     for (int j = 0; j < c->n && top < INFINITY; j++) end += stands(c, j, top);
     int wide = end > c->x * (1.0 + NARROW);
+    TS_ASSERT(top >= c->force && end >= c->x * (1.0 - 1e-9));
     if (wide) append_rise(c, &r, end, top);
     if (!(top < INFINITY)) return;
     if (wide) c->x = end;
@@ -153,7 +155,7 @@ const char *ts_series(ts_law *law, const ts_law *part, int n)
         if (leader < 0) break;
         double top = part[leader].piece[c.at[leader]].force[1];
         if (top > c.force * (1.0 + TS_TIE) || c.x == 0.0) rise_to(&c, leader, top);
-        if (law->reason || !(top < INFINITY)) break;
+        if (c.law->reason || !(top < INFINITY)) break;
         for (int j = 0; j < n; j++) {
             if (c.at[j] >= part[j].n || part[j].piece[c.at[j]].force[1] > c.force * (1.0 + TS_TIE)) continue;
             if (goes_on(&c, j)) c.at[j]++;

@@ -309,7 +309,7 @@ ALWAYS_INLINE sums sums_of_product(const double *A, triple v, const int D)
         s.p[d] = pair_multiply(pair_load(A + d * D), v.p);
         if (D == 3) s.t[d] = A[d * D + 2] * v.t;
     }
-    return s;
+    return s; /* cppcheck-suppress uninitvar -- D is 2 or 3 */
 }
 
 ALWAYS_INLINE void sums_add(sums *s, const double *A, triple v, const int D)

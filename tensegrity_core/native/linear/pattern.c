@@ -4,6 +4,7 @@
  * triangular factorization, Proc. IEEE 55 (1967) 1801, doi:10.1109/PROC.1967.6011) on the graph of the partly eliminated
  * matrix, in which the neighbours of a pivot are at the same time its row of U. */
 #include "linear/pattern.h"
+#include "invariants.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -90,10 +91,7 @@ static void graph_compact(graph *g, int32_t i, int32_t stamp)
     g->length[i] = kept;
 }
 
-static int heap_before(const graph *g, int32_t i, int32_t j)
-{
-    return g->key[i] < g->key[j] || (g->key[i] == g->key[j] && i < j);
-}
+static int heap_before(const graph *g, int32_t i, int32_t j) { return g->key[i] == g->key[j] ? i < j : g->key[i] < g->key[j]; }
 
 static void heap_put(graph *g, int32_t slot, int32_t row)
 {
@@ -303,6 +301,7 @@ int ts_pattern_make(ts_pattern *p, int32_t n, int32_t D, const int32_t *couples,
     int32_t *rows = matrix_rows(p, couples, couple_count);
     int made = rows && analyse(p);
     free(rows);
+    TS_ASSERT(!made || (p->entries >= p->count && p->row[n] == p->count));
     if (!made) memset(p, 0, sizeof *p);
     return made;
 }

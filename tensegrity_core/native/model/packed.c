@@ -6,6 +6,7 @@
  * the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), programs, start values of all inputs and parameters;
  * uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see kernel/packing.py. */
 #include "model/packed.h"
+#include "invariants.h"
 #include "linear/complex_blocks.h"
 #include "linear/pairs.h"
 #include "linear/pattern.h"
@@ -28,9 +29,9 @@ uint64_t ts_fnv(const void *bytes, size_t size)
 }
 
 static const struct {
-    int role, first, second;
+    int first, second;
 } field_table[] = {
-#define ROW(name, role, first, second, low, high) {role, first, second},
+#define ROW(name, role, first, second, low, high) {first, second},
     TS_FIELDS(ROW) TS_INT_FIELDS(ROW)
 #undef ROW
 };
@@ -408,7 +409,10 @@ static const char *lay_out_matrices(ts_sim *sim)
                 m->term_place[16 * i + 4 * a + b] =
                     (int32_t)D * (int32_t)D *
                     ts_pattern_find(&sim->pattern, m->term[4 * i + a].block, m->term[4 * i + b].block);
-    for (int b = 0; b < m->blocks; b++) m->own_place[b] = (int32_t)(D * D) * ts_pattern_find(&sim->pattern, b, b);
+    for (int b = 0; b < m->blocks; b++) {
+        m->own_place[b] = (int32_t)(D * D) * ts_pattern_find(&sim->pattern, b, b);
+        TS_ASSERT(m->own_place[b] >= 0);
+    }
     return NULL;
 }
 
@@ -428,7 +432,7 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
     if (!reason) {
         memcpy(sim->blob, bytes, size);
         const int32_t *ints = (const int32_t *)((char *)sim->blob + 8) + HEADER_INTS;
-        const double *nodes = (const double *)((char *)sim->blob + 8 + 4 * int_count(m));
+        const double *nodes = (const double *)(const void *)((char *)sim->blob + 8 + 4 * int_count(m));
         int N = m->count[TS_N], D = m->count[TS_D];
         m->fixed = ints;
         m->bars = m->fixed + N;
@@ -452,11 +456,14 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
             lay_out_arena(sim, &a);
             sim->bytes = size + a.used;
             sim->arena = a.base = (char *)calloc(a.used + 16, 1);
+            const size_t needed = a.used;
             a.used = 0;
             if (!a.base) reason = "out of memory";
             else {
                 lay_out_arena(sim, &a);
+                TS_ASSERT(a.used == needed);
                 share_ahead(sim);
+                TS_ASSERT(sim->rate1 + m->lanes <= sim->ahead + sim->ahead_size);
             }
         }
         if (!reason) reason = lay_out_bars(m, nodes);

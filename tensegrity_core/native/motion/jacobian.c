@@ -4,6 +4,7 @@
  * and tensions that pull back, dampers, the projector on both sides.  With the inertias as weights its blocks are symmetric
  * and not positive, so that a^2 I - a Jv - Jq has an inverse at every a. */
 #include "motion/jacobian.h"
+#include "invariants.h"
 #include "laws/curve.h"
 #include "laws/curves.h"
 #include "linear/pattern.h"
@@ -79,6 +80,7 @@ static void wind(ts_sim *sim, int i, double slope, const double *Kq, const doubl
     for (int k = 0; k < m->term_count[i]; k++) {
         int row = D * D * ts_pattern_find(&sim->pattern, motor, t[k].block),
             column = D * D * ts_pattern_find(&sim->pattern, t[k].block, motor);
+        TS_ASSERT(row >= 0 && column >= 0);
         double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inv[t[k].block];
         for (int d = 0; d < D; d++) {
             double alongq = 0.0, alongv = 0.0;

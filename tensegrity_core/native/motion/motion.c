@@ -14,6 +14,7 @@
  * planar scene is computed in the plane, and those with a parameter `driven` also without what drives.c adds.  What concerns all
  * strings alike is worked out for two of them at a time. */
 #include "motion/motion.h"
+#include "invariants.h"
 #include "laws/curve.h"
 #include "laws/curves.h"
 #include "linear/pairs.h"
@@ -404,6 +405,7 @@ APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *d
 
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 {
+    TS_ASSERT(sim->curves_ready && y != dy);
     sim->memory.stats[TS_RHS]++;
     if (sim->m.driven) {
         driven_rhs(sim, tau, y, dy);
@@ -412,7 +414,7 @@ void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
     DISPATCH(sim, rhs, sim, tau, y, dy, 0);
 }
 
-ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, const int D)
+ALWAYS_INLINE void powers(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
     strings(sim, tau, y, y + sim->m.nq, 0, D);
     ledger_rates(sim, tau, y + sim->m.nq, p, 0);
@@ -421,7 +423,7 @@ ALWAYS_INLINE void power(ts_sim *sim, double tau, const double *y, double *p, co
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
 {
     if (!sim->m.driven) {
-        DISPATCH(sim, power, sim, tau, y, p);
+        DISPATCH(sim, powers, sim, tau, y, p);
         return;
     }
     driven_rhs(sim, tau, y, sim->lin); /* a moved node's power needs the accelerations */
@@ -484,11 +486,13 @@ void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, doub
 ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
 {
     double *c = y + block * D, *cd = y + m->nq + block * D, over = 1.0 / dot(c, c, D), along = dot(c, cd, D) * over;
-    double factor = m->block_length[block] * sqrt(over);
+    double length = m->block_length[block], factor = length * sqrt(over);
     for (int d = 0; d < D; d++) {
         cd[d] -= along * c[d];
         c[d] *= factor;
     }
+    /* a vector whose square overflows becomes 0; its step is refused */
+    TS_ASSERT(over == 0.0 || !(fabs(dot(c, c, D) - length * length) > 1e-12 * length * length));
 }
 
 ALWAYS_INLINE void project_all(const ts_model *m, double *y, const int D)

@@ -1,5 +1,6 @@
 /* The piece of its force curve that a string is on, and what it bears there. */
 #include "motion/pieces.h"
+#include "invariants.h"
 #include "model/data.h"
 
 #include <float.h>
@@ -22,6 +23,7 @@ void ts_place(ts_sim *sim, int i, int piece)
     const ts_curve *c = sim->curve + i;
     int D = m->count[TS_D];
     double size = sim->values[m->at[TS_REST_LENGTH] + i];
+    TS_ASSERT(sim->curves_ready && piece >= 0 && piece < c->pieces);
     sim->piece[i] = piece;
     sim->taut[i] = c->piece[piece].kind != TS_SLACK;
     sim->lo[i] = c->piece[piece].lo;

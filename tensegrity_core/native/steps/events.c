@@ -5,6 +5,7 @@
  * crossing is looked for at the step's end, at the stages and, where an elongation turned back, at its extremum; it is
  * located on the dense output and counts once the elongation is `guard` (round-off) beyond the end. */
 #include "steps/events.h"
+#include "invariants.h"
 #include "laws/curve.h"
 #include "laws/curves.h"
 #include "linear/pairs.h"
@@ -287,6 +288,7 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
         }
     }
     if (first > 1.0) return -1.0;
+    TS_ASSERT(first >= 0.0 && *which >= 0 && *which < watches);
     excess_at(&s, first, *which, &slope);
     *doubtful = slope < 0.0;
     return first;
@@ -323,6 +325,7 @@ static void review_clipping(ts_sim *sim, int i, double elongation, double rate)
 void ts_switch(ts_sim *sim, double tau, int which)
 {
     int S = sim->m.count[TS_S];
+    TS_ASSERT(which >= 0 && which < 2 * S);
     sim->force_jumps = 0;
     for (int i = 0; i < S; i++) {
         double elongation, rate;

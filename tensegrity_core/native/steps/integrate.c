@@ -1,5 +1,6 @@
 /* The stepping loop: step size control, transitions, choice of method, steps that end past the communication point. */
 #include "steps/integrate.h"
+#include "invariants.h"
 #include "linear/pairs.h"
 #include "methods/method.h"
 #include "model/data.h"
@@ -98,6 +99,7 @@ static void state_at(ts_sim *sim, const ts_span *span, double theta)
 {
     const ts_method *method = methods[span->method];
     int n = 2 * sim->m.nq, in_stages = method->flags & TS_LEDGER_IN_STAGES;
+    TS_ASSERT(theta >= 0.0 && theta <= 1.0 + 1e-9);
     make_dense(sim, method, span->start, span->h);
     method->interpolate(sim, theta, 0, in_stages ? sim->m.ny : n, sim->ytmp);
     if (!in_stages) integrate_ledger(sim, method, span, theta, sim->ytmp + n);
@@ -275,7 +277,7 @@ typedef struct {
     double from;   /* s, where the call was when it began */
 } budget;
 
-static double work(const ts_sim *sim)
+static double work_done(const ts_sim *sim)
 {
     const int64_t *done = sim->memory.stats;
     double parts = 1.0 + sim->m.count[TS_S] + sim->m.count[TS_B], attempts = (double)(done[TS_STEPS] + done[TS_REJECTED]);
@@ -289,7 +291,7 @@ static double portions(double length) { return 1.0 + length / SPAN; }
 /* May the call go on?  Each portion must bring it on by its share. */
 static int affordable(const ts_sim *sim, budget *b, double tau, double end)
 {
-    if (work(sim) - b->before < b->limit) return 1;
+    if (work_done(sim) - b->before < b->limit) return 1;
     if ((tau - b->from) * portions(end) < end) return 0;
     b->limit += PORTION;
     b->from = tau;
@@ -313,6 +315,7 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
         sim->margin_low[i] = INFINITY, sim->margin_high[i] = -INFINITY;
     memcpy(sim->elongation_low, sim->elongation0, sizeof(double) * (size_t)sim->m.count[TS_S]);
     memcpy(sim->elongation_high, sim->elongation0, sizeof(double) * (size_t)sim->m.count[TS_S]);
+    TS_ASSERT(h > 0.0 && tau >= 0.0);
     sim->shrink = 0.1;
     sim->growth = method->growth;
     sim->memory.choice.taken = 1.0;
@@ -346,7 +349,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     look_ahead(methods[memory->active], &p);
     sim->call = end;
     sim->may_run_ahead = may_run_ahead;
-    budget b = {work(sim), PORTION, 0.0};
+    budget b = {work_done(sim), PORTION, 0.0};
     if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end))
         return fail(sim, TS_WORK_LIMIT);
     sim->most = p.longest;
@@ -392,6 +395,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
                 restart(sim, reached);
             }
         }
+        TS_ASSERT(reached >= tau && reached <= end);
         tau = reached;
     }
     return TS_OK;

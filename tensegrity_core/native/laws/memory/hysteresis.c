@@ -7,6 +7,7 @@
  * reached from the slack one are found by a search, breadth first. */
 #include "laws/memory/hysteresis.h"
 #include "laws/curve.h"
+#include "invariants.h"
 #include "laws/fit.h"
 #include "laws/memory/branches.h"
 #include "laws/memory/flow.h"
@@ -303,6 +304,7 @@ static int32_t piece_of(ts_graph *g, int32_t i)
         g->reason = "a hysteretic string has more than 4096 pieces; give it fewer parts or the single_valued law";
         return -1;
     }
+    TS_ASSERT(i < g->branch_count);
     g->reached[g->c->pieces] = i;
     return g->branches[i].piece = g->c->pieces++;
 }
@@ -354,6 +356,7 @@ static void search(ts_graph *g)
         }
         g->c->piece = more;
         if (!g->reason) make_piece(g, more + i, g->branches + g->reached[i]);
+        TS_ASSERT(up < g->c->pieces && down < g->c->pieces && !(loss[0] < 0.0) && !(loss[1] < 0.0));
         more[i].up = up;
         more[i].down = down;
         more[i].loss_up = loss[1];
