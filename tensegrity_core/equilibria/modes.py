@@ -83,7 +83,7 @@ def matrices(model: Model, force=None) -> Matrices:
     Raises TooLarge: they are dense.
     """
     statics.require_small(model, "finding its modes")
-    point = statics.Surface(model, force, _Plain).at(model.nodes)
+    point = statics.Surface(model, force, _Plain).at(statics.free_rows(model, model.nodes))
     strings = model.strings
     length = np.linalg.norm(model.nodes[strings[:, 1]] - model.nodes[strings[:, 0]], axis=1)
     growth = -statics.equilibrium_matrix(model)[:, : len(strings)].T @ point.basis
@@ -98,7 +98,7 @@ def matrices(model: Model, force=None) -> Matrices:
 class _Plain:
     """A tangent stiffness as it is."""
 
-    assembled = staticmethod(statics.dense)
+    matrix: type[statics.Dense] = statics.Dense
 
     def __init__(self, matrix: np.ndarray):
         self.matrix = matrix
@@ -119,16 +119,11 @@ def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:
 def mass_matrix(model: Model) -> np.ndarray:
     """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars, and point masses; fixed nodes left out."""
     place = statics.places(model)
-    ends = place[model.bars]  # (B, 2, D)
-    rows, columns, values = [], [], []
-    for i in range(2):
-        for j in range(2):
-            share = model.bar_mass[:, None] / (3.0 if i == j else 6.0)
-            rows.append(ends[:, i].ravel())
-            columns.append(ends[:, j].ravel())
-            values.append(np.broadcast_to(share, ends[:, i].shape).ravel())
+    first, second = np.moveaxis(place[model.bars], 1, 0)  # (B, D) each
+    rows, columns = np.stack([first, first, second, second]), np.stack([first, second, first, second])
+    share = (model.bar_mass / np.array([[3.0], [6.0], [6.0], [3.0]]))[:, :, None]
     n = len(model.free_nodes) * len(model.axes)
-    full = statics.dense(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), (n, n))
+    full = statics.Dense(rows, columns, (n, n))(np.broadcast_to(share, rows.shape))
     full[np.diag_indices(n)] += _at_nodes(model, dict(model.point_mass))
     return full
 

@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from .. import statics
 from ..laws.string_laws import OnPieces
 from .equilibrium import Equations
 
@@ -49,76 +48,41 @@ class Saddle:
     """
 
     def __init__(self, equations: Equations):
-        model, place = equations.model, equations.place
-        self.equations, self.n, self.strings = equations, equations.size, len(model.strings)
-        self.size = self.n + len(model.bars)
-        ends, axes = statics.members(model), len(model.axes)
-        self._members, self._offset = equations._members, equations._offset
-        count = len(ends)
-        rows = np.zeros((count, self.n + 1))  # of a member: its vector at its ends; the last column takes fixed nodes
-        self._flat, self._rows = rows.ravel(), rows[:, :-1]
-        places = np.arange(count)[:, None] * (self.n + 1) + np.where(place[ends] < 0, self.n, place[ends]).swapaxes(0, 1)
-        self._to_first, self._to_second = (side.ravel() for side in places)
-        self._connect = np.zeros((count, self.n // axes + 1))
-        node = np.where(place[:, 0] < 0, -1, place[:, 0] // axes)
-        self._connect[np.arange(count), node[ends[:, 1]]] += 1.0
-        self._connect[np.arange(count), node[ends[:, 0]]] -= 1.0
-        self._connect = self._connect[:, :-1].copy()
+        self.equations, self.balance = equations, equations.balance
+        self.n, self.strings = equations.size, len(equations.model.strings)
+        self.size = self.n + len(equations.bar_length)
         self._matrix = np.zeros((self.size + 1, self.size + 1))
         self._tangent = self._matrix[: self.n, : self.n]
-        first, second = self._matrix.strides
-        free = self.n // axes
-        self._blocks = np.lib.stride_tricks.as_strided(
-            self._matrix, (axes, free, free), (first + second, axes * first, axes * second)
-        )
         self._diagonal = self._tangent.reshape(-1)[:0] if not self.n else np.einsum("ii->i", self._tangent)
-        self._density = np.empty(count)
         self._half_square = 0.5 * equations.bar_length**2
-        self._shape = (count, axes)
         self._work = {size: int(scipy.linalg.lapack.dsysv_lwork(size)[0]) for size in (self.size, self.size + 1)}
-        self._wound = equations.loading.rest_length_direction if equations._winding else None
 
     def start(self, free: np.ndarray, parameter: float) -> np.ndarray:
         """(n+B,) z, the bars' force densities those that balance best at these free coordinates."""
-        e, count = self.equations, self.strings
-        along = (self._members @ free + self._offset).reshape(self._shape)
-        string, bar = along[:count], along[count:]
-        length = np.sqrt(np.einsum("sd,sd->s", string, string))
-        elongation = length - e.loading.rest_lengths(parameter)
+        e, shape = self.equations, self.balance.shape(free)
+        elongation = shape.length - e.loading.rest_lengths(parameter)
         tension, _, _ = e.laws.on(e.laws.piece_of(elongation))(elongation)
-        total = e.dead + parameter * e.live - ((tension / length)[:, None] * string).ravel() @ e._strings
-        felt = (e._bars @ total).reshape(bar.shape)
-        bars = np.einsum("bd,bd->b", bar, felt) / (e._free_ends * np.einsum("bd,bd->b", bar, bar))
-        return np.concatenate([free, bars])
+        force = self.balance.unbalanced(shape, e.load(parameter), tension / shape.length)
+        return np.concatenate([free, self.balance.bar_density(shape, force)])
 
     def at(self, z: np.ndarray, parameter: float, laws: OnPieces | None = None) -> None:
         """Set the system up for these unknowns (n+B,), strings on these pieces, or on those that hold their elongations."""
-        n, count, loading = self.n, self.strings, self.equations.loading
-        along = self._members @ z[:n]
-        along += self._offset
-        self._flat[self._to_second] = along
-        self._flat[self._to_first] = -along
-        vectors = along.reshape(self._shape)
-        squared = np.einsum("md,md->m", vectors, vectors)
-        self.length = length = np.sqrt(squared[:count])
-        self.elongation = length - loading.rest_lengths(parameter)
+        n, count, balance = self.n, self.strings, self.balance
+        shape = balance.shape(z[:n])
+        self.length = shape.length
+        self.elongation = shape.length - self.equations.loading.rest_lengths(parameter)
         if laws is None:
             known = self.equations.laws
             laws = known.on(known.piece_of(self.elongation))
         self.laws = laws
         self.tension, self.stiffness, self.bend = laws(self.elongation)
-        density, strings = self._density, self._rows[:count]
-        density[:count] = self.tension / length
-        density[count:] = z[n:]
-        self.force = self.equations.dead + parameter * self.equations.live - density @ self._rows
-        self.missing = self._half_square - 0.5 * squared[count:]
-        scaled = strings * ((self.stiffness - density[:count]) / squared[:count])[:, None]
-        self._tangent[:] = strings.T @ scaled
-        self._blocks += (self._connect * density[:, None]).T @ self._connect
+        density = np.concatenate((self.tension / shape.length, z[n:]))
+        self._rows = balance.rows(shape)
+        self.force = self.equations.load(parameter) - density @ self._rows
+        self.missing = self._half_square - 0.5 * shape.squared[count:]
+        self._tangent[:] = balance.stiffness(shape, self.stiffness, density)
         self._matrix[:n, n:-1] = self._rows[count:].T
-        self.push = self.equations.live
-        if self._wound is not None:
-            self.push = self.push + (self.stiffness * self._wound / length) @ strings
+        self.push = self.equations.push(self._rows[:count], self.stiffness / shape.length)
 
     def solve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """(n+B,), (n+B,): dz for F and c, and for g; None where the system is singular."""

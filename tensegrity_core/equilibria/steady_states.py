@@ -179,14 +179,11 @@ class FlowSurface(statics.Surface):
     def __init__(self, equations: Equations, parameter: float):
         loading = equations.loading
         model = loading.model_at(parameter, equations.model.nodes)
-        super().__init__(model, loading.forces(parameter), statics.Modes)
+        super().__init__(model, loading.forces(parameter), statics.Modes, balance=equations.balance)
         self.equations, self.parameter = equations, parameter
         self._far = PART_OF_BAR * float(model.bar_length.min())
         self._narrow = PART_OF_BEAM * equations.laws.narrow
         self._trial = self._elongation = None
-
-    def gone(self, free: np.ndarray) -> float:
-        return float(np.abs(free - self.equations.free(self.model.nodes)).max())
 
     def near(self, free: np.ndarray, step: np.ndarray) -> bool:
         """Whether a step is small beside the bars, and beside the beams in what it does to NSH strings that carry."""

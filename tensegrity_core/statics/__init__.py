@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from .analysis import analyse, rigid_body_motions, rigid_fields
+from .balance import Balance
 from .forces import equilibrium_matrix, loads, member_forces, members, places, residual, unbalanced
-from .matrices import TooLarge, dense, free_rows, freedoms, lengths_between, require_small
+from .matrices import Dense, TooLarge, free_rows, freedoms, lengths_between, require_small
 from .settling import NoEquilibrium, descend, settle
 from .start import build_model
 from .strings import string_branches, string_elongation, string_energy, string_tension
@@ -12,6 +13,8 @@ from .surface import NEUTRAL, Modes, Surface, SurfacePoint, is_stable, stability
 
 __all__ = [
     "NEUTRAL",
+    "Balance",
+    "Dense",
     "Modes",
     "NoEquilibrium",
     "Surface",
@@ -19,7 +22,6 @@ __all__ = [
     "TooLarge",
     "analyse",
     "build_model",
-    "dense",
     "descend",
     "equilibrium_matrix",
     "free_rows",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
@@ -46,18 +46,39 @@ def freedoms(model: Model) -> int:
     return len(model.free_nodes) * len(model.axes)
 
 
-def dense(rows, columns, values, shape: tuple[int, int]) -> np.ndarray:
-    """Sum of values at these places (arrays that broadcast); those in row or column -1 are left out."""
-    matrix = np.zeros((shape[0] + 1, shape[1] + 1))  # the last row and column take them
-    np.add.at(matrix, (rows, columns), values)
-    return matrix[:-1, :-1]
+class Dense:
+    """A dense matrix of a shape as the sum of values at fixed places: rows and columns broadcast; places outside of the shape,
+    or negative ones, are left out."""
+
+    def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]):
+        (r, c), inside = shape, _inside(rows, columns, shape)
+        self._shape, self._size = (r + 1, c + 1), (r + 1) * (c + 1)  # the last row and column take what is left out
+        self._places = np.where(inside, rows * (c + 1) + columns, self._size - 1).ravel()
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        summed = np.bincount(self._places, values.reshape(-1), self._size)
+        return summed.reshape(self._shape)[:-1, :-1]
 
 
-def sparse(rows, columns, values, shape: tuple[int, int]) -> scipy.sparse.csc_array:
+class Sparse:
     """The same as a sparse matrix."""
-    rows, columns, values = (array.ravel() for array in np.broadcast_arrays(rows, columns, values))
-    kept = (rows >= 0) & (columns >= 0)
-    return scipy.sparse.coo_array((values[kept], (rows[kept], columns[kept])), shape).tocsc()
+
+    def __init__(self, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]):
+        self._shape, kept = shape, _inside(rows, columns, shape)
+        rows, columns = np.broadcast_arrays(rows, columns)
+        self._rows, self._columns, self._kept = rows[kept], columns[kept], kept
+
+    def __call__(self, values: np.ndarray) -> scipy.sparse.csc_array:
+        return scipy.sparse.coo_array(
+            (values.reshape(self._kept.shape)[self._kept], (self._rows, self._columns)), self._shape
+        ).tocsc()
+
+
+Matrix: TypeAlias = "np.ndarray | scipy.sparse.csc_array"
+
+
+def _inside(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    return (rows >= 0) & (columns >= 0) & (rows < shape[0]) & (columns < shape[1])
 
 
 def require_small(model: Model, what: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import TensegrityError
 from ..model import Model
-from .matrices import lengths_between
+from .matrices import free_rows, lengths_between
 from .strings import string_branches
 from .surface import Surface, SurfacePoint
 
@@ -41,14 +41,19 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     first, last = (none if f is None else np.asarray(f, dtype=float) for f in (force_before, force))
     if np.array_equal(first, last) and np.array_equal(goal, model.rest_length):
         steps = 1
-    nodes = model.nodes
-    branches = string_branches(model, lengths_between(nodes, model.strings))
+    free, balance, branches = (
+        free_rows(model, model.nodes),
+        None,
+        string_branches(model, lengths_between(model.nodes, model.strings)),
+    )
     for step in range(1, steps + 1):
         part = step / steps  # exactly 1 at the end
         loaded = replace(model, rest_length=(1.0 - part) * model.rest_length + part * goal)
-        surface = Surface(loaded, (1.0 - part) * first + part * last, branches=branches)
-        nodes = descend(surface, nodes, surface.balanced if step == steps else surface.nearly_balanced)
+        surface = Surface(loaded, (1.0 - part) * first + part * last, branches=branches, balance=balance)
+        balance = surface.balance
+        free = descend(surface, free, surface.balanced if step == steps else surface.nearly_balanced)
         branches = surface.branches
+    nodes = balance.nodes(free)
     settled, length = replace(model, nodes=nodes, rest_length=goal), lengths_between(nodes, model.strings)
     anew = string_branches(settled, length)
     for i, branch in string_branches(settled, length, branches).items():
@@ -61,8 +66,8 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     return settled
 
 
-def descend(surface: Surface, nodes: np.ndarray, tolerance: float) -> np.ndarray:
-    """Follow the gradient flow to a minimum of the potential energy; (N, 3) -> (N, 3), m.
+def descend(surface: Surface, free: np.ndarray, tolerance: float) -> np.ndarray:
+    """Follow the gradient flow to a minimum of the potential energy, from free coordinates (n,), m, to others.
 
     tolerance: N; a point where less is unbalanced counts as an equilibrium.  With the surface's own, `balanced`, the
     result is improved until round-off ends it.
@@ -73,25 +78,25 @@ def descend(surface: Surface, nodes: np.ndarray, tolerance: float) -> np.ndarray
     flow goes on along the most unstable direction.
     """
     _require_support(surface)
-    nodes = surface.moved(nodes, np.zeros(surface.size))
-    best, found, stalled, pace = np.inf, nodes, 0, np.inf
+    free = surface.moved(free, np.zeros(surface.size))
+    best, found, stalled, pace = np.inf, free, 0, np.inf
     for _ in range(MAX_STEPS):
-        point = surface.at(nodes)
+        point = surface.at(free)
         unbalanced = float(np.abs(point.pull).max(initial=0.0))
         stalled = 0 if unbalanced < 0.5 * best else stalled + 1
         if unbalanced < best:
-            best, found = unbalanced, nodes
+            best, found = unbalanced, free
         if best <= tolerance and (stalled >= 2 or best == 0.0 or tolerance > surface.balanced):
             direction = _unstable_direction(point)
             if direction is None:
                 return found
-            nodes, best, stalled = surface.moved(found, 0.1 * surface.reach * direction), np.inf, 0
+            free, best, stalled = surface.moved(found, 0.1 * surface.reach * direction), np.inf, 0
         else:
-            nodes, pace = _flow_step(surface, nodes, point, pace)
-        surface.keep(nodes)
+            free, pace = _flow_step(surface, free, point, pace)
+        surface.keep(free)
     raise NoEquilibrium(
         f"no stable equilibrium was found: after {MAX_STEPS} steps, "
-        f"{surface.gone(nodes):.3g} m away, {unbalanced:.3g} N are unbalanced"
+        f"{surface.gone(free):.3g} m away, {unbalanced:.3g} N are unbalanced"
     )
 
 
@@ -106,14 +111,14 @@ def _require_support(surface: Surface) -> None:
 
 
 def _unstable_direction(point: SurfacePoint) -> np.ndarray | None:
-    """(F*D,) unit vector of the most unstable direction, its largest component positive; None at a minimum."""
+    """(n,) unit vector of the most unstable direction, its largest component positive; None at a minimum."""
     if point.tangent.stable():
         return None
     direction = point.basis @ point.tangent.lowest()[1]
     return direction * np.sign(direction[np.argmax(np.abs(direction))])
 
 
-def _flow_step(surface: Surface, nodes: np.ndarray, point: SurfacePoint, pace: float) -> tuple[np.ndarray, float]:
+def _flow_step(surface: Surface, free: np.ndarray, point: SurfacePoint, pace: float) -> tuple[np.ndarray, float]:
     """One step of the flow, as long as the surface and the energy allow, and the time that it took.
 
     pace: the time that the step before took; a step without limit is tried first, then times from not much more on.
@@ -122,11 +127,11 @@ def _flow_step(surface: Surface, nodes: np.ndarray, point: SurfacePoint, pace: f
     while True:
         way = point.tangent.way(point.pull, time, surface.balanced)
         step = None if way is None else point.basis @ way
-        if step is not None and surface.near(nodes, step):
-            trial = surface.moved(nodes, step)
+        if step is not None and surface.near(free, step):
+            trial = surface.moved(free, step)
             # far down, the energy's round-off hides its fall: the step is then below what the energy can resolve
             if surface.energy(trial) <= point.energy + surface.energy_round_off:
                 return trial, time
         time = 0.25 * time if np.isfinite(time) else min(slowest, 8.0 * pace)
         if time < 1e-21 * slowest:
-            return surface.moved(nodes, step), time
+            return surface.moved(free, step), time

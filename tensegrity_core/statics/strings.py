@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .. import laws
@@ -18,20 +20,22 @@ def string_tension(model: Model, length: np.ndarray, branches: Branches | None =
 
     branches: where strings with memory come from, on a continuous way; without, they are stretched from slack.
     """
-    elongation = _taut_elongation(model, length)
-    return _with_laws(model, model.stiffness * elongation, "force", elongation, branches)
-
-
-def string_stiffness(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
-    """(S,) N/m: derivative of the elastic tension by the length; 0 for a slack string."""
-    elongation = _taut_elongation(model, length)
-    return _with_laws(model, np.where(elongation > 0.0, model.stiffness, 0.0), "stiffness", elongation, branches)
+    return _tension(model, length - model.rest_length, branches)
 
 
 def string_energy(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
     """(S,) J: energy stored in every string at these lengths (S,), m."""
-    elongation = _taut_elongation(model, length)
+    elongation = np.maximum(length - model.rest_length, 0.0)
     return _with_laws(model, 0.5 * model.stiffness * elongation**2, "energy", elongation, branches)
+
+
+def strings_from(model: Model, branches: Branches | None) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Tension (S,), N, and stiffness (S,), N/m, of all strings over elongations (S,), m; for `branches` see `string_tension`."""
+
+    def laws(elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _tension(model, elongation, branches), _stiffness(model, elongation, branches)
+
+    return laws
 
 
 def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
@@ -55,8 +59,14 @@ def string_elongation(model: Model, i: int, force: float) -> float:
     return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
 
 
-def _taut_elongation(model: Model, length: np.ndarray) -> np.ndarray:
-    return np.maximum(length - model.rest_length, 0.0)
+def _tension(model: Model, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:
+    elongation = np.maximum(elongation, 0.0)
+    return _with_laws(model, model.stiffness * elongation, "force", elongation, branches)
+
+
+def _stiffness(model: Model, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:
+    elongation = np.maximum(elongation, 0.0)
+    return _with_laws(model, np.where(elongation > 0.0, model.stiffness, 0.0), "stiffness", elongation, branches)
 
 
 def _with_laws(model: Model, linear: np.ndarray, what: str, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +10,10 @@ import scipy
 from .. import laws
 from ..model import Model
 from .analysis import rigid_body_motions
-from .forces import BALANCED, EPS, coordinate_force, loads, members, places
-from .matrices import dense, free_rows, freedoms, lengths_between, require_small, sparse
-from .strings import Branches, string_branches, string_energy, string_stiffness, string_tension
+from .balance import Balance
+from .forces import BALANCED, EPS, coordinate_force, loads
+from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, lengths_between, require_small
+from .strings import Branches, string_branches, string_energy, string_tension, strings_from
 
 SMALL = 300  # degrees of freedom up to which settling works with dense matrices and all eigenvectors
 NEUTRAL = 1e-10  # eigenvalues below this part of the largest are round-off
@@ -22,7 +22,7 @@ NEUTRAL = 1e-10  # eigenvalues below this part of the largest are round-off
 class Modes:
     """A tangent stiffness by its eigenvalues (r,), N/m, and eigenvectors (r, r): the linearised flow is solved exactly."""
 
-    assembled = staticmethod(dense)
+    matrix: type[Dense] = Dense
 
     def __init__(self, tangent: np.ndarray):
         self.values, self.vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
@@ -62,7 +62,7 @@ class Modes:
 class _Factors:
     """A large tangent stiffness (r, r), N/m, by sparse factors: the linearised flow is solved by implicit Euler steps."""
 
-    assembled = staticmethod(sparse)
+    matrix: type[Sparse] = Sparse
 
     def __init__(self, tangent: scipy.sparse.csc_array):
         self.tangent = (0.5 * (tangent + tangent.T)).tocsc()
@@ -114,11 +114,11 @@ class _Factors:
 class SurfacePoint(NamedTuple):
     """The structure at one configuration, along the directions that keep the bars' lengths.
 
-    energy: V, J; basis: (F*D, r) orthonormal directions; pull: (r,) N, -grad V; tangent: the tangent stiffness there.
+    energy: V, J; basis: (n, r) orthonormal directions; pull: (r,) N, -grad V; tangent: the tangent stiffness there.
     """
 
     energy: float
-    basis: np.ndarray | scipy.sparse.csc_array
+    basis: Matrix
     pull: np.ndarray
     tangent: Modes | _Factors
 
@@ -134,17 +134,19 @@ class SurfacePoint(NamedTuple):
 
 
 class Surface:
-    """A model under constant loads, as a potential energy over the positions that keep the bars' lengths.
+    """A model under constant loads, as a potential energy over the free coordinates (n,) that keep the bars' lengths.
 
     branches: where the strings with memory stand; `keep` moves them along, and without it they stay.
+    balance: of the model, where it is made already; it does not depend on rest lengths.
     """
 
-    def __init__(self, model: Model, force, decomposition=None, branches: Branches | None = None):
+    def __init__(
+        self, model: Model, force=None, decomposition=None, branches: Branches | None = None, balance: Balance | None = None
+    ):
         self.model, self.load = model, loads(model, force)
-        self.bar_length = lengths_between(model.nominal, model.bars)
-        self.place = places(model)
-        self.size = freedoms(model)
-        self.decomposition = decomposition or (Modes if self.size <= SMALL else _Factors)
+        self.decomposition = decomposition or (Modes if freedoms(model) <= SMALL else _Factors)
+        self.balance = balance or Balance(model, self.decomposition.matrix)
+        self.size, self.start = self.balance.size, self.balance.start
         length = lengths_between(model.nodes, model.strings)
         self.branches = string_branches(model, length) if branches is None else branches
         tension = string_tension(model, length, self.branches)
@@ -154,108 +156,34 @@ class Surface:
         self.reach = step_limit(model)
         self.nearly_balanced = max(self.balanced, 1e-6 * largest_force)
         self.energy_round_off = 16.0 * EPS * float(np.sum(tension * length) + np.abs(self.load).sum() * span)
+        self._felt = free_rows(model, self.load)
 
-    def keep(self, nodes: np.ndarray) -> None:
-        """Strings with memory follow to these positions for good."""
+    def keep(self, free: np.ndarray) -> None:
+        """Strings with memory follow to these coordinates for good."""
         if self.branches:
-            self.branches = string_branches(self.model, lengths_between(nodes, self.model.strings), self.branches)
+            self.branches = string_branches(self.model, self.balance.lengths(free), self.branches)
 
-    def energy(self, nodes: np.ndarray) -> float:
-        stored = string_energy(self.model, lengths_between(nodes, self.model.strings), self.branches)
-        return float(stored.sum() - np.sum(self.load * (nodes - self.model.nodes)))
+    def energy(self, free: np.ndarray) -> float:
+        stored = string_energy(self.model, self.balance.lengths(free), self.branches)
+        return self.balance.energy(stored, self._felt, free)
 
-    def at(self, nodes: np.ndarray) -> SurfacePoint:
+    def at(self, free: np.ndarray) -> SurfacePoint:
         """Energy, force and tangent stiffness along the directions that keep the bars' lengths."""
-        strings = self.model.strings
-        along = nodes[strings[:, 1]] - nodes[strings[:, 0]]
-        length = np.linalg.norm(along, axis=1)
-        density = string_tension(self.model, length, self.branches) / length
-        total = self.load.copy()
-        np.add.at(total, strings[:, 0], density[:, None] * along)
-        np.add.at(total, strings[:, 1], -density[:, None] * along)
-        basis = self._basis(nodes)
-        tangent = basis.T @ self._stiffness(along, length, density, self._bar_density(nodes, total)) @ basis
-        return SurfacePoint(self.energy(nodes), basis, basis.T @ free_rows(self.model, total), self.decomposition(tangent))
+        laws = strings_from(self.model, self.branches)
+        found = self.balance.at(free, self.model.rest_length, self._felt, laws)
+        return SurfacePoint(self.energy(free), found.basis, found.pull, self.decomposition(found.tangent))
 
-    def gone(self, nodes: np.ndarray) -> float:
+    def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Free coordinates after a step (n,), with the bars at their lengths."""
+        return self.balance.moved(free, step)
+
+    def gone(self, free: np.ndarray) -> float:
         """m, the longest way of a coordinate from the model's start."""
-        return float(np.abs(nodes - self.model.nodes).max())
+        return float(np.abs(free - self.start).max(initial=0.0))
 
-    def near(self, nodes: np.ndarray, step: np.ndarray) -> bool:
-        """Whether a step (F*D,) from nodes (N, 3) is small beside the structure."""
+    def near(self, free: np.ndarray, step: np.ndarray) -> bool:
+        """Whether a step (n,) from free coordinates is small beside the structure."""
         return bool(np.abs(step).max(initial=0.0) <= self.reach)
-
-    def moved(self, nodes: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Positions after a step (F*D,), bars brought back to their lengths: about the fixed end or the centre."""
-        nodes = nodes.copy()
-        nodes[np.ix_(self.model.free_nodes, self.model.axes)] += step.reshape(-1, len(self.model.axes))
-        first, second = self.model.bars.T
-        bar = nodes[second] - nodes[first]
-        bar *= (self.bar_length / np.linalg.norm(bar, axis=1))[:, None]
-        centre = 0.5 * (nodes[first] + nodes[second])
-        fixed_first, fixed_second = self.model.fixed[first, None], self.model.fixed[second, None]
-        at_first, at_second = nodes[first].copy(), nodes[second].copy()
-        nodes[first] = np.where(fixed_first, at_first, np.where(fixed_second, at_second - bar, centre - 0.5 * bar))
-        nodes[second] = np.where(fixed_second, at_second, np.where(fixed_first, at_first + bar, centre + 0.5 * bar))
-        return nodes
-
-    def _basis(self, nodes: np.ndarray):
-        """(F*D, r): orthonormal directions that keep the bars' lengths, few nodes in each.
-
-        A bar contributes its turning about each direction across it and, if both ends are free, its translations; a node on no
-        bar its own.
-        """
-        bars, axes = self.model.bars, self.model.axes
-        first, second = self.place[bars[:, 0]], self.place[bars[:, 1]]  # (B, D)
-        afloat = (first[:, 0] >= 0) & (second[:, 0] >= 0)
-        across = _across((nodes[bars[:, 1]] - nodes[bars[:, 0]])[:, axes])  # (B, D, D-1)
-        across *= np.where(afloat, math.sqrt(0.5), 1.0)[:, None, None]
-        turns = np.arange(len(bars) * across.shape[2]).reshape(-1, 1, across.shape[2])
-        shifts = turns.size + np.arange(afloat.sum() * len(axes)).reshape(-1, len(axes))
-        rows = [*(np.broadcast_to(end[:, :, None], across.shape).ravel() for end in (first, second))]
-        rows += [first[afloat].ravel(), second[afloat].ravel()]
-        turning = np.broadcast_to(turns, across.shape).ravel()
-        columns = [turning, turning, shifts.ravel(), shifts.ravel()]
-        values = [-across.ravel(), across.ravel(), np.full(2 * shifts.size, math.sqrt(0.5))]
-        lone = self.place[self.model.lone_nodes].ravel()
-        if len(lone):
-            rows.append(lone)
-            columns.append(turns.size + shifts.size + np.arange(len(lone)))
-            values.append(np.ones(len(lone)))
-        shape = (self.size, turns.size + shifts.size + len(lone))
-        return self.decomposition.assembled(np.concatenate(rows), np.concatenate(columns), np.concatenate(values), shape)
-
-    def _bar_density(self, nodes: np.ndarray, total: np.ndarray) -> np.ndarray:
-        """(B,) N/m: bar force densities that balance the nodal forces (N, 3) best; no two bars share a node."""
-        felt = np.zeros_like(total)
-        movable = np.ix_(self.model.free_nodes, self.model.axes)
-        felt[movable] = total[movable]
-        first, second = self.model.bars.T
-        bar = nodes[second] - nodes[first]
-        free_ends = 2.0 - self.model.fixed[first] - self.model.fixed[second]
-        return np.sum(bar * (felt[second] - felt[first]), axis=1) / (free_ends * np.sum(bar**2, axis=1))
-
-    def _stiffness(self, along, length, density, bar_density):
-        """(F*D, F*D) N/m: a string's block is k u u^T + density (1 - u u^T), a bar's density times 1."""
-        axes = self.model.axes
-        unit = (along / length[:, None])[:, axes]
-        material = string_stiffness(self.model, length, self.branches) - density
-        blocks = np.concatenate([density, bar_density])[:, None, None] * np.eye(len(axes))
-        blocks[: len(unit)] += material[:, None, None] * unit[:, :, None] * unit[:, None, :]
-        ends = self.place[members(self.model)]  # (S+B, 2, D)
-        pairs = ((0, 0), (0, 1), (1, 0), (1, 1))
-        rows = np.stack([ends[:, i, :, None] for i, _ in pairs])
-        columns = np.stack([ends[:, j, None, :] for _, j in pairs])
-        values = np.stack([blocks if i == j else -blocks for i, j in pairs])
-        return self.decomposition.assembled(rows, columns, values, (self.size, self.size))
-
-
-def _across(along: np.ndarray) -> np.ndarray:
-    """(B, D) -> (B, D, D-1): orthonormal directions across each vector, from its Householder reflection."""
-    mirror = along / np.linalg.norm(along, axis=1)[:, None]
-    mirror[:, -1] += np.copysign(1.0, mirror[:, -1])
-    reflection = np.eye(along.shape[1]) - mirror[:, :, None] * (2.0 * mirror / np.sum(mirror**2, axis=1)[:, None])[:, None, :]
-    return reflection[:, :, :-1]
 
 
 def tangent_stiffness(model: Model, force=None) -> np.ndarray:
@@ -265,7 +193,7 @@ def tangent_stiffness(model: Model, force=None) -> np.ndarray:
     Raises TooLarge: time grows with the third power of the structure; see `stability`.
     """
     require_small(model, "computing every eigenvalue of the tangent stiffness")
-    return Surface(model, force, Modes).at(model.nodes).values
+    return Surface(model, force, Modes).at(free_rows(model, model.nodes)).values
 
 
 class Stability(NamedTuple):
@@ -278,7 +206,7 @@ class Stability(NamedTuple):
 
 def stability(model: Model, force=None) -> Stability:
     """Stability of the model's start, of small and large structures."""
-    point = Surface(model, force).at(model.nodes)
+    point = Surface(model, force).at(free_rows(model, model.nodes))
     return Stability(point.tangent.stable(), point.tangent.lowest_beside(_neutral(point, rigid_body_motions(model))))
 
 
