@@ -58,7 +58,7 @@ class Balance:
     size: n; place: (N, D), see `places`; start: (n,) m; bar_length: (B,) m, which the bars keep.
     """
 
-    def __init__(self, model: Model, matrix: type[Dense] | type[Sparse] = Dense):
+    def __init__(self, model: Model, matrix: type[Dense | Sparse] = Dense):
         self.model, self.size, self.place = model, freedoms(model), places(model)
         self.start = free_rows(model, model.nodes)
         self.bar_length = lengths_between(model.nominal, model.bars)
@@ -79,13 +79,13 @@ class Balance:
         """Places of a load and of what so many members pull on their ends."""
         return np.concatenate([np.arange(self.size), self._first[:, :count].ravel(), self._second[:, :count].ravel()])
 
-    def _stiffness_entries(self, matrix: type[Dense] | type[Sparse]) -> Dense | Sparse:
+    def _stiffness_entries(self, matrix: type[Dense | Sparse]) -> Dense | Sparse:
         ends = self._first, self._second
         rows = np.stack([ends[i][:, None] for i in (0, 0, 1, 1)])  # (4, D, 1, S+B)
         columns = np.stack([ends[j][None] for j in (0, 1, 0, 1)])
         return matrix(rows, columns, (self.size, self.size))
 
-    def _prepare_bars(self, matrix: type[Dense] | type[Sparse]) -> None:
+    def _prepare_bars(self, matrix: type[Dense | Sparse]) -> None:
         """A bar contributes its turning about each direction across it and, if both ends are free, its translations to the
         basis; a node on no bar its own."""
         model, D = self.model, len(self.model.axes)
@@ -105,7 +105,7 @@ class Balance:
         lone = self.place[model.lone_nodes].ravel()
         alone = turning.size + shifts.size + np.arange(len(lone))
         places_of = [np.broadcast_arrays(end[:, None], turning) for end in (first, second)]
-        places_of += [[end[:, afloat], shifts] for end in (first, second)] + [[lone, alone]]
+        places_of += [(end[:, afloat], shifts) for end in (first, second)] + [(lone, alone)]
         rows, columns = (np.concatenate([pair[i].ravel() for pair in places_of]) for i in (0, 1))
         self._still = np.concatenate([np.full(2 * shifts.size, math.sqrt(0.5)), np.ones(len(lone))])
         self._directions = matrix(rows, columns, (self.size, turning.size + shifts.size + len(lone)))

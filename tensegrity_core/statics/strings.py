@@ -30,7 +30,7 @@ def string_energy(model: Model, length: np.ndarray, branches: Branches | None = 
 
 
 def strings_from(model: Model, branches: Branches | None) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Tension (S,), N, and stiffness (S,), N/m, of all strings over elongations (S,), m; for `branches` see `string_tension`."""
+    """Tension (S,), N, and stiffness (S,), N/m, of all strings at elongations (S,), m; for `branches` see `string_tension`."""
 
     def laws(elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _tension(model, elongation, branches), _stiffness(model, elongation, branches)
