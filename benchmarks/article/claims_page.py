@@ -1,30 +1,25 @@
 """Measures what this model and its variants give, judges the article's claims by it, and writes docs/claims.md.
 
-Files: docs/claims.json (the measures), docs/claims.md and its figures docs/figures/claims*.png and .svg.
+Files: docs/claims.json (the measures), docs/claims.md and its figures docs/figures/claims*.png.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from pathlib import Path
 
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import new_figure, plain, save, style, table, wrapped
+from benchmarks.harness.page import Page, new_figure, plain, table, wrapped
 from tensegrity_core.article.experiments import LIFTS
-from tensegrity_core.files import write_text
 
 from . import claims as rules
 from .claims import CLAIMS, NO, NUMBERED, PARTLY, YES, Claim, swing, way
 from .measures import REPEATED_SECONDS, measure
 from .variants import VARIANTS
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 DAMPINGS = (50, 500, 5000)
 TITLES = {
     "statics": "Systems and honeycomb (section III)",
@@ -256,30 +251,18 @@ def report(data: dict) -> str:
     blocks.append(
         f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers "
         "stand in [claims.json](claims.json). Written by `python -m benchmarks.article.claims_page`; `--redraw` writes page "
-        "and figures again from that file (SVG: [verdicts](figures/claims.svg), [damping](figures/claims_damping.svg))."
+        "and figures again from that file."
     )
     return "\n\n".join(wrapped(block) for block in blocks) + "\n"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write page and figure again from claims.json, without measuring")
-    options = parser.parse_args()
-    path = options.output / "claims.json"
-    if options.redraw:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    else:
-        began, where = time.perf_counter(), machine.describe()
-        data = plain({"machine": where, **measure(), "seconds": time.perf_counter() - began}, 6)
-        options.output.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(data, separators=(",", ":")).replace('},"', '},\n"') + "\n")
-    with style():
-        save(draw(data), options.output / "figures" / "claims")
-        save(draw_sweep(data), options.output / "figures" / "claims_damping")
-    write_text(options.output / "claims.md", report(data))
-    print(tally(data))
+def collect() -> dict:
+    """The measures, what they were measured on and how long it took."""
+    began, where = time.perf_counter(), machine.describe()
+    return plain({"machine": where, **measure(), "seconds": time.perf_counter() - began}, 6)
 
+
+PAGE = Page(__doc__, "claims", collect, report, {"claims": draw, "claims_damping": draw_sweep})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

@@ -15,23 +15,21 @@ than small ones is counted under random forces on all nodes.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
+from functools import partial
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import new_figure, plain, save, style, table, wrapped
+from benchmarks.harness.page import Page, listed, new_figure, plain, table, wrapped
 from tensegrity_core.equilibria import steady_states
 from tensegrity_core.equilibria import sudden as sudden_loads
 from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.equilibria.paths import follow
-from tensegrity_core.files import write_text
 from tensegrity_core.kernel import Kernel, simulate
 from tensegrity_core.laws.nsh import snapped_on_piece
 from tensegrity_core.laws.string_laws import string_laws
@@ -40,7 +38,6 @@ from tensegrity_core.output.path_figures import Quantity, curve
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
 LOADS = np.arange(10.0, 73.0, 2.0)  # N on each top node
 DURATION, ROW, TOLERANCE = 50.0, 0.01, 1e-10
@@ -265,20 +262,17 @@ def collect(rounds: int) -> dict:
 # --- showing -----------------------------------------------------------------------------------------------------------
 
 
-def draw(result: dict, folder: Path) -> None:
-    """docs/figures/path_two_bar and so on: without and with NSH side by side."""
-    with style():
-        for name in ("two_bar", "three_bar", "six_bar"):
-            save(figure_of(result, name), folder / f"path_{name}")
-
-
-def figure_of(result: dict, name: str):
+def figure_of(result: dict, name: str) -> Figure:
+    """Without and with NSH side by side."""
     figure = new_figure(9.0, 4.2)
     for axes, scene in zip(figure.subplots(1, 2), (name, f"{name}_nsh")):
         panel(axes, result["scenes"][scene])
         axes.set(title=scene, xlabel="height of the top nodes, m", ylabel="force on each top node, N", ylim=(-2.0, 75.0))
         axes.legend(loc="upper left")
     return figure
+
+
+FIGURES = {f"path_{name}": partial(figure_of, name=name) for name in ("two_bar", "three_bar", "six_bar")}
 
 
 def panel(axes, scene: dict) -> None:
@@ -514,31 +508,11 @@ def time_text(scenes: dict, result: dict) -> str:
     )
 
 
-def listed(names: list[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
-
-
 def per_load(scenes: dict, which) -> float:
     return which(1e3 * s["seconds"]["sweep"] / len(s["states"]) for s in scenes.values())
 
 
-def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="draw equilibrium_paths.json again, without measuring")
-    options = parser.parse_args(arguments)
-    data = options.output / "equilibrium_paths.json"
-    if not options.redraw:
-        options.output.mkdir(parents=True, exist_ok=True)
-        found = json.dumps(collect(options.rounds), separators=(",", ":"))
-        write_text(data, found.replace('},"', '},\n"').replace("},{", "},\n{") + "\n")
-    result = json.loads(data.read_text(encoding="utf-8"))
-    draw(result, options.output / "figures")
-    text = report(result)
-    write_text(options.output / "equilibrium-paths.md", text)
-    print(text)
-
+PAGE = Page(__doc__, "equilibrium_paths", collect, report, FIGURES, {"rounds": 3})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

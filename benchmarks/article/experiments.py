@@ -1,28 +1,31 @@
 """Runs the article's experiments in full length and writes what docs/experiments.md shows: figures, data, page.
 
-Files: docs/figures/experiment_NAME.csv and experiment_NAME_figure_N.png and .svg, as `tensegrity experiment NAME` writes them,
+Files: docs/data/experiment_NAME.csv, as `tensegrity experiment NAME` writes it, docs/figures/experiment_NAME_figure_N.png,
 docs/experiments.json (the tables, and what they were computed on) and docs/experiments.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+import re
 import sys
 import time
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import plain, wrapped
-from tensegrity_core.article.experiments import EXPERIMENTS, SYSTEMS
-from tensegrity_core.article.figures import FIGURES, write_figures
-from tensegrity_core.files import write_text
+from benchmarks.harness.page import Page, plain, read_columns, read_json, wrapped, write_json
+from tensegrity_core.article.experiments import EXPERIMENTS, SYSTEMS, Wave, system
+from tensegrity_core.article.figures import FIGURES
+from tensegrity_core.article.figures import style as article_style
 from tensegrity_core.output.export import write_columns
 
 from .claims_page import repeats_text
 from .measures import repeats
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 #: Experiment -> title and what is done.
 SECTIONS = {
     "beam": (
@@ -61,18 +64,15 @@ SECTIONS = {
 LARGEST = "Largest values, and swings, are those of the motion, not of the samples that figures and CSV file show."
 
 
-def collect(folder: Path) -> dict:
-    """Runs everything, writes data and figures to a folder, and returns what the page tells."""
-    began, where, tables = time.perf_counter(), machine.describe(), {}
+def collect() -> dict:
+    """Runs everything; what the page tells, and the columns of each experiment."""
+    began, where, tables, columns = time.perf_counter(), machine.describe(), {}, {}
     for name in SECTIONS:
         print(name, file=sys.stderr)
-        experiment = EXPERIMENTS[name]
-        data = experiment.run(SYSTEMS, experiment.duration)
-        stem = folder / f"experiment_{name}"
-        write_columns(data.columns(), stem.with_suffix(".csv"))
-        write_figures(name, data, stem)
-        tables[name] = data.summary().splitlines()
-    return {"machine": where, "seconds": round(time.perf_counter() - began), "tables": tables, "repeats": plain(repeats(), 6)}
+        data = EXPERIMENTS[name].run(SYSTEMS, EXPERIMENTS[name].duration)
+        tables[name], columns[name] = data.summary().splitlines(), data.columns()
+    seconds = round(time.perf_counter() - began)
+    return {"machine": where, "seconds": seconds, "tables": tables, "repeats": plain(repeats(), 6), "columns": columns}
 
 
 def report(data: dict) -> str:
@@ -84,32 +84,71 @@ def report(data: dict) -> str:
         "lines are with NSH, dashed ones without. What they say of the article's statements: [claims.md](claims.md).",
     ]
     for name, (title, text) in SECTIONS.items():
-        files = f"Command: `tensegrity experiment {name}`. Data: [CSV](figures/experiment_{name}.csv)."
+        files = f"Command: `tensegrity experiment {name}`. Data: [CSV](data/experiment_{name}.csv)."
         pictures = [f"![Figure {n}](figures/experiment_{name}_figure_{n}.png)" for n in FIGURES[name]]
         table = "\n".join(["```text", *data["tables"][name], "```"])
         more = {"II": [LARGEST, repeats_text(data)], "III": [LARGEST], "IV": [LARGEST]}.get(name, [])
         blocks += [f"## {title}", text, *pictures, table, *more, files]
     blocks.append(
         f"Computed at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']} s. Written by "
-        "`python -m benchmarks.article.experiments`; each PNG has an SVG beside it."
+        "`python -m benchmarks.article.experiments`; `--redraw` writes page and figures again from these files."
     )
     return "\n\n".join(block if block.startswith("```") else wrapped(block) for block in blocks) + "\n"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write the page again from experiments.json, without computing")
-    options = parser.parse_args()
-    path = options.output / "experiments.json"
-    if options.redraw:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    else:
-        (options.output / "figures").mkdir(parents=True, exist_ok=True)
-        data = collect(options.output / "figures")
-        write_text(path, json.dumps(data, indent=1) + "\n")
-    write_text(options.output / "experiments.md", report(data))
+def keep(data: dict, path: Path) -> None:
+    """The columns in CSV files, the rest in a JSON file."""
+    for name, columns in data["columns"].items():
+        write_columns(columns, path.parent / "data" / f"experiment_{name}.csv")
+    write_json({key: value for key, value in data.items() if key != "columns"}, path)
 
+
+def read(path: Path) -> dict:
+    """What `keep` wrote."""
+    columns = {name: read_columns(path.parent / "data" / f"experiment_{name}.csv") for name in SECTIONS}
+    return read_json(path) | {"columns": columns}
+
+
+def shown(columns: dict[str, np.ndarray], name: str):
+    """An experiment's data as far as its figures read them, from its columns."""
+    if name in ("beam", "nsh"):
+        return EXPERIMENTS[name].run(SYSTEMS, None)
+    parts = dict.fromkeys(key.partition(".")[0] for key in columns if "." in key)
+
+    def of(start: str, end: str) -> np.ndarray:
+        return np.array([x for key, x in columns.items() if re.fullmatch(rf"{start}\.{end}", key)]).T
+
+    if name == "I":
+        runs = {scene: SimpleNamespace(force=columns["force"], height=of(scene, r"n\d+\.z")) for scene in parts}
+    elif name == "II":
+        pairs = [key.split(".")[:2] for key in columns if key.endswith("force")]
+        runs = dict.fromkeys((scene, float(d[1:])) for scene, d in pairs)
+    elif name == "III":
+        runs = {scene: (system(scene), None) for scene in parts}
+    else:
+        known = {scene: (columns["time"], columns[f"{scene}.power"], columns[f"{scene}.absorbed"]) for scene in parts}
+        runs = {scene: SimpleNamespace(times=t, power=power, absorbed=x) for scene, (t, power, x) in known.items()}
+    return SimpleNamespace(
+        runs=runs,
+        times=columns.get("time"),
+        node=Wave.node,
+        displacement=lambda scene, *d: of(".".join((scene, *(f"d{x:g}" for x in d))), r"n\d+\.d[xyz]"),
+        string_force=lambda scene, d: of(f"{scene}.d{d:g}", r"s\d+\.elastic_force")[:, 0],
+    )
+
+
+def figure_of(data: dict, name: str, number: int) -> Figure:
+    """A figure of the article, in the article's style."""
+    with article_style():
+        return FIGURES[name][number](shown(data["columns"][name], name))
+
+
+DRAWN = {
+    f"experiment_{name}_figure_{number}": partial(figure_of, name=name, number=number)
+    for name, figures in FIGURES.items()
+    for number in figures
+}
+PAGE = Page(__doc__, "experiments", collect, report, DRAWN, keep=keep, read=read)
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

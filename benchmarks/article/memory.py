@@ -1,13 +1,11 @@
 """Measures the NSH with memory (law "hysteretic") and writes docs/memory.md, its figures and data.
 
-Files: docs/memory.json (the numbers, and what they were measured on), docs/memory.md, docs/figures/memory_NAME.csv (series) and
-docs/figures/memory_NAME.png and .svg.
+Files: docs/memory.json (the numbers, and what they were measured on), docs/memory.md, docs/data/memory_NAME.csv (series) and
+docs/figures/memory_NAME.png.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -15,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import plain, save, style, table, wrapped
+from benchmarks.harness.page import Page, plain, read_columns, read_json, table, wrapped, write_json
 from tensegrity_core.article.experiments import DAMPINGS, LIFTS
-from tensegrity_core.files import write_text
 from tensegrity_core.laws import nsh
 from tensegrity_core.model.elements import Series
 from tensegrity_core.output.export import write_columns
@@ -56,7 +53,6 @@ from .memory_runs import (
     second_experiment,
 )
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 #: Digits of the numbers in the file: enough for the energy accounts.
 DIGITS = 12
 NAMES = {"base": "the article's NSH", "series": "single-valued, k in series", "memory": "with memory"}
@@ -386,7 +382,7 @@ def measure() -> tuple[dict, dict]:
 # --- page --------------------------------------------------------------------------------------------------------
 
 
-def report(data: dict, series: dict) -> str:
+def report(data: dict) -> str:
     """docs/memory.md."""
     where, run = data["machine"], data["cells"]["machine"]
     scan = f"k = {STIFFNESS:g} N/m, pulled to {1e2 * REACH:g} cm and back"
@@ -414,7 +410,7 @@ def report(data: dict, series: dict) -> str:
         "A way that turns in the middle takes another way back, and what has not snapped has not to return:",
         partial_table(data),
         "## The string's own stiffness",
-        stiffness_text(data, series),
+        stiffness_text(data, data["columns"]),
         "![Loss per cycle](figures/memory_stiffness.png)",
         "## Where the energy goes",
         f"Runs of {LEDGER_DURATION:g} s of the kernel under the law with memory. *In dampers* is the integral of the dampers' "
@@ -435,9 +431,8 @@ def report(data: dict, series: dict) -> str:
         claims_table(data),
         f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers "
         "stand in [memory.json](memory.json), the series in CSV files: "
-        + ", ".join(f"[{name}](figures/memory_{name}.csv)" for name in series)
-        + ". Written by `python -m benchmarks.article.memory`; `--redraw` writes page and figures again from those files; each "
-        "PNG has an SVG beside it.",
+        + ", ".join(f"[{name}](data/memory_{name}.csv)" for name in data["series"])
+        + ". Written by `python -m benchmarks.article.memory`; `--redraw` writes page and figures again from those files.",
     ]
     return "\n\n".join(filled(block) for block in blocks) + "\n"
 
@@ -446,39 +441,30 @@ def filled(block: str) -> str:
     return block if block.startswith("```") else wrapped(block)
 
 
-def read_series(folder: Path, names: list[str]) -> dict[str, dict[str, np.ndarray]]:
-    """Name -> column -> values, of the CSV files in a folder."""
-    found = {}
-    for name in names:
-        lines = (folder / f"memory_{name}.csv").read_text(encoding="utf-8").splitlines()
-        columns = np.array([line.split(",") for line in lines[1:]], dtype=float).T
-        found[name] = dict(zip(lines[0].split(","), columns))
-    return found
+def collect() -> dict:
+    """The numbers of the page and the columns of each series."""
+    began, where = time.perf_counter(), machine.describe()
+    numbers, series = measure()
+    data = {"machine": where, "series": list(series), **numbers, "seconds": time.perf_counter() - began}
+    return plain(data, DIGITS) | {"columns": series}
 
 
-def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="write page and figures again from the stored data")
-    options = parser.parse_args(arguments)
-    path, figures = options.output / "memory.json", options.output / "figures"
-    if not options.redraw:
-        began, where = time.perf_counter(), machine.describe()
-        numbers, series = measure()
-        data = {"machine": where, "series": list(series), **numbers, "seconds": time.perf_counter() - began}
-        figures.mkdir(parents=True, exist_ok=True)
-        for name, columns in series.items():
-            rounded = {key: np.array(plain(values, DIGITS)) for key, values in columns.items()}
-            write_columns(rounded, figures / f"memory_{name}.csv")
-        text = json.dumps(plain(data, DIGITS), separators=(",", ":")).replace('},"', '},\n"')
-        write_text(path, text + "\n")
-    data = json.loads(path.read_text(encoding="utf-8"))
-    series = read_series(figures, data["series"])
-    with style():
-        for name, draw in FIGURES.items():
-            save(draw(data, series), figures / f"memory_{name}")
-    write_text(options.output / "memory.md", report(data, series))
+def keep(data: dict, path: Path) -> None:
+    """The columns in CSV files, the rest in a JSON file."""
+    for name, columns in data["columns"].items():
+        rounded = {key: np.array(plain(values, DIGITS)) for key, values in columns.items()}
+        write_columns(rounded, path.parent / "data" / f"memory_{name}.csv")
+    write_json({key: value for key, value in data.items() if key != "columns"}, path)
 
+
+def read(path: Path) -> dict:
+    """What `keep` wrote."""
+    data = read_json(path)
+    return data | {"columns": {name: read_columns(path.parent / "data" / f"memory_{name}.csv") for name in data["series"]}}
+
+
+DRAWN = {f"memory_{name}": lambda data, draw=draw: draw(data, data["columns"]) for name, draw in FIGURES.items()}
+PAGE = Page(__doc__, "memory", collect, report, DRAWN, keep=keep, read=read)
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

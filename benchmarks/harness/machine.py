@@ -1,20 +1,15 @@
-"""What a benchmark ran on, written into every result file, and the command of those that write one page."""
+"""What a benchmark ran on, written into every result file."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import platform
 import subprocess
 import sys
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy
 import scipy
-
-from tensegrity_core.files import write_text
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -54,32 +49,3 @@ def describe() -> dict[str, str]:
         "commit": commit + ("+" if changed else ""),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
     }
-
-
-def write_page(
-    about: str,
-    name: str,
-    rounds: int,
-    collect: Callable[[int], dict],
-    report: Callable[[dict], str],
-    arguments: list[str] | None,
-) -> None:
-    """The command of a benchmark with one page: measures, or reads what was measured, and writes docs/NAME.json and its page.
-
-    about: its help; rounds: by default; collect(rounds): the data; report(data): the page.
-    """
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=rounds)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help=f"write the page again from {name}.json, without measuring")
-    options = parser.parse_args(arguments)
-    data = options.output / f"{name}.json"
-    if options.redraw:
-        result = json.loads(data.read_text(encoding="utf-8"))
-    else:
-        result = collect(options.rounds)
-        options.output.mkdir(parents=True, exist_ok=True)
-        write_text(data, json.dumps(result, indent=1) + "\n")
-    text = report(result)
-    write_text(options.output / f"{name.replace('_', '-')}.md", text)
-    print(text)

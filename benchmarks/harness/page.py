@@ -1,8 +1,8 @@
-"""Shared by the studies of docs/stability.md: where results go, how figures are saved, how the page is written.
+"""What every benchmark shares: the page that it writes from its data, its figures, tables and command line.
 
-A study is a script with `measure() -> dict`, `draw(data) -> Figure` and `section(data) -> str`.  `main` runs one and `all.py`
-runs all of them; each writes docs/figures/stability_NAME.json (the data, and what it was measured on), .png and .svg, and its
-part of docs/stability.md between two marker comments, with every number taken from the data.
+A benchmark has a `PAGE`: what measures, what draws, what reports.  Its command measures and writes data, figures and page; with
+--redraw it writes figures and page again from the stored data, as ``python -m benchmarks.redraw`` does for all.  A study of
+docs/stability.md has a `STUDY`, and writes a part of that page between two marker comments.  Every number comes from the data.
 """
 
 from __future__ import annotations
@@ -13,37 +13,35 @@ import json
 import math
 import os
 import re
-import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from tensegrity_core.files import replacing, write_text
 
 from . import machine
 
-ROOT = Path(__file__).resolve().parent.parent.parent
-DOCS = ROOT / "docs"
+DOCS = machine.ROOT / "docs"
 DPI = 110
 TITLE = "# Stability: where methods fail\n"
 INTRODUCTION = """
-Every section is written by the script that it names, from the data beside its figure (`figures/stability_*.json`, which
-also say what they were measured on). `python -m benchmarks.stability.all` measures everything again, in one order and from
-one commit; with `--redraw` it draws figures and sections again from the stored data, as each script does for its own. Points
-are measured; what a line is, its panel says. Durations are processor time.
+Every section is written by the script that it names, from its data (`data/stability_*.json`, which also say what they were
+measured on). `python -m benchmarks.stability.all` measures everything again, in one order and from one commit; with
+`--redraw` it draws figures and sections again from the stored data, as each script does for its own. Points are measured;
+what a line is, its panel says. Durations are processor time.
 """
 
 #: Colours of the figures, and the marker's and the line's width in points.
 COLOURS = ("#22252e", "#d1495b", "#1b9aaa", "#edae49", "#6b705c", "#7768ae")
 STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "stability",
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.grid": True,
@@ -96,30 +94,15 @@ def thinned(times: np.ndarray, rows: np.ndarray, count: int = 240) -> tuple[np.n
     return times[chosen], rows[chosen]
 
 
-def save(figure: Figure, stem: Path) -> None:
-    """Write stem.png (256 colours: half the bytes) and stem.svg, without dates, so that equal data give equal bytes."""
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    png = io.BytesIO()
-    figure.savefig(png, dpi=DPI)
+def save(figure: Figure, path: Path, dpi: float = DPI) -> None:
+    """Write a PNG of 256 colours (half the bytes), without dates, so that equal data give equal bytes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    png, said = io.BytesIO(), PngInfo()
+    said.add_text("Software", f"Matplotlib {matplotlib.__version__}")
+    figure.savefig(png, dpi=dpi)
     few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    with replacing(stem.with_suffix(".png")) as file:  # maximum coverage: a colour that is rare stays
-        few.save(file, "PNG", optimize=True)
-    svg = io.StringIO()
-    figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    write_text(stem.with_suffix(".svg"), compact(svg.getvalue()))
-
-
-def compact(svg: str) -> str:
-    """The same picture in a third of the bytes: two decimals, and a style that a run of markers shares stands once."""
-    svg = re.sub(r"(\d\.\d\d)\d+", r"\1", svg)
-    svg = re.sub(r"[ \t]+$|^[ \t]+", "", svg, flags=re.MULTILINE)
-    marker = r'<use xlink:href="(?P<id>[^"]*)" x="[^"]*" y="[^"]*" style="(?P<style>[^"]*)"/>\n'
-    run = re.compile(marker + r'(?:<use xlink:href="(?P=id)" x="[^"]*" y="[^"]*" style="(?P=style)"/>\n)+')
-
-    def grouped(match: re.Match) -> str:
-        return f'<g style="{match["style"]}">\n' + re.sub(r' style="[^"]*"', "", match[0]) + "</g>\n"
-
-    return run.sub(grouped, svg)
+    with replacing(path) as file:  # maximum coverage: a colour that is rare stays
+        few.save(file, "PNG", optimize=True, pnginfo=said)
 
 
 def write_section(page: Path, name: str, text: str) -> None:
@@ -152,6 +135,11 @@ def wrapped(text: str, width: int = 124) -> str:
     )
 
 
+def listed(texts: list[str]) -> str:
+    """'a, b and c'."""
+    return " and ".join(part for part in (", ".join(texts[:-1]), *texts[-1:]) if part)
+
+
 def footer(name: str, data: dict) -> str:
     """The last paragraph of a section: the commands, what the data were measured on, and what that took."""
     m = data["machine"]
@@ -168,49 +156,117 @@ def processor_seconds() -> float:
     return sum(os.times()[:4])
 
 
-def stored(name: str, docs: Path = DOCS) -> Path:
-    """Where a study's data are."""
-    return docs / "figures" / f"stability_{name}.json"
-
-
-def write(name: str, data: dict, draw: Callable, section: Callable, docs: Path = DOCS) -> None:
-    """Draw a study's figure and write its section of the page, from its data."""
-    with style():
-        save(draw(data), docs / "figures" / f"stability_{name}")
-    write_section(docs / "stability.md", name, section(data))
-
-
-class Arguments(NamedTuple):
-    """What the command line of a study says; ran_on: what it is measured on, empty where nothing is measured."""
-
-    redraw: bool
-    docs: Path
-    ran_on: dict
-
-
-def arguments(description: str) -> Arguments:
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--redraw", action="store_true", help="do not measure: draw and write from the stored data")
-    parser.add_argument("--docs", type=Path, default=DOCS, help="folder that receives stability.md and figures/")
-    found = parser.parse_args()
-    return Arguments(found.redraw, found.docs, {} if found.redraw else machine.describe())
-
-
-def carry_out(name: str, measure: Callable, draw: Callable, section: Callable, chosen: Arguments) -> None:
-    """Measure a study, or read its stored data, and write everything."""
-    path = stored(name, chosen.docs)
-    if not chosen.redraw:
-        begun = processor_seconds()
-        data = measure()
-        data = plain({"machine": chosen.ran_on, "seconds": processor_seconds() - begun, **data})
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(data, separators=(",", ":")) + "\n")
-        print(f"{name}: {data['seconds']:.0f} s", flush=True)
-    elif not path.is_file():
+def read_json(path: Path):
+    """Data that a benchmark stored."""
+    if not path.is_file():
         raise SystemExit(f"--redraw: {path} is missing; run without --redraw first")
-    write(name, json.loads(path.read_text(encoding="utf-8")), draw, section, chosen.docs)
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
-def main(name: str, measure: Callable, draw: Callable, section: Callable) -> None:
-    """Command line of a study: measure and write everything, or with --redraw write everything from the stored data."""
-    carry_out(name, measure, draw, section, arguments(sys.modules["__main__"].__doc__))
+def read_columns(path: Path) -> dict[str, np.ndarray]:
+    """Column -> values, of a CSV file."""
+    head, *lines = path.read_text(encoding="utf-8").splitlines()
+    return dict(zip(head.split(","), np.array([line.split(",") for line in lines], dtype=float).T))
+
+
+def write_json(data: dict, path: Path) -> None:
+    """Stored compactly, with a line for each object in an object or a list, so that changes can be read."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(data, separators=(",", ":")).replace('},"', '},\n"').replace("},{", "},\n{")
+    write_text(path, text + "\n")
+
+
+def command(about: str, options: Mapping[str, int | tuple[int, ...]] = MappingProxyType({})) -> argparse.ArgumentParser:
+    """A benchmark's command line.  options: whole numbers, or several, with their defaults."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--docs", type=Path, default=DOCS, help="folder of pages, with data/ and figures/ in it")
+    parser.add_argument("--redraw", action="store_true", help="do not measure: draw and write from the stored data")
+    for name, default in options.items():
+        parser.add_argument(f"--{name}", type=int, default=default, nargs="+" if isinstance(default, tuple) else None)
+    return parser
+
+
+class Page(NamedTuple):
+    """docs/NAME.md (with dashes) and its figures, written from docs/NAME.json.
+
+    about: help of its command; collect(**options): measures the data; report(data): the page; figures: name -> what draws it
+    from the data, or has None to draw; options: see `command`; keep(data, path), read(path): where more than one file is kept.
+    """
+
+    about: str
+    name: str
+    collect: Callable[..., dict]
+    report: Callable[[dict], str]
+    figures: Mapping[str, Callable[[dict], Figure | None]] = MappingProxyType({})
+    options: Mapping[str, int | tuple[int, ...]] = MappingProxyType({})
+    keep: Callable[[dict, Path], None] = write_json
+    read: Callable[[Path], dict] = read_json
+
+    @property
+    def file(self) -> str:
+        return f"{self.name.replace('_', '-')}.md"
+
+    def redraw(self, docs: Path = DOCS) -> None:
+        """Figures and page from the stored data."""
+        data = self.read(docs / f"{self.name}.json")
+        with style():
+            for name, draw in self.figures.items():
+                if (figure := draw(data)) is not None:
+                    save(figure, docs / "figures" / f"{name}.png")
+        write_text(docs / self.file, self.report(data))
+
+    def write(self, docs: Path, redraw: bool, **options) -> None:
+        """Measure, unless what was measured is only to be drawn again; write."""
+        if not redraw:
+            docs.mkdir(parents=True, exist_ok=True)
+            self.keep(self.collect(**options), docs / f"{self.name}.json")
+        self.redraw(docs)
+
+    def main(self, arguments: list[str] | None = None) -> None:
+        """The command."""
+        self.write(**vars(command(self.about, self.options).parse_args(arguments)))
+
+
+class Study(NamedTuple):
+    """A section of docs/stability.md and its figure, written from docs/data/stability_NAME.json."""
+
+    about: str
+    name: str
+    measure: Callable[[], dict]
+    draw: Callable[[dict], Figure]
+    section: Callable[[dict], str]
+
+    def stored(self, docs: Path = DOCS) -> dict:
+        return read_json(docs / "data" / f"stability_{self.name}.json")
+
+    def redraw(self, docs: Path = DOCS) -> None:
+        """Figure and section from the stored data."""
+        self.write(self.stored(docs), docs)
+
+    def write(self, data: dict, docs: Path) -> None:
+        with style():
+            save(self.draw(data), docs / "figures" / f"stability_{self.name}.png")
+        write_section(docs / "stability.md", self.name, self.section(data))
+
+    def carry_out(self, docs: Path, ran_on: dict) -> None:
+        """Measure and write everything."""
+        begun = processor_seconds()
+        found = self.measure()
+        data = plain({"machine": ran_on, "seconds": processor_seconds() - begun, **found})
+        write_json(data, docs / "data" / f"stability_{self.name}.json")
+        print(f"{self.name}: {data['seconds']:.0f} s", flush=True)
+        self.redraw(docs)
+
+    def main(self, arguments: list[str] | None = None) -> None:
+        """The command."""
+        studies([self], command(self.about).parse_args(arguments))
+
+
+def studies(chosen: list[Study], options: argparse.Namespace) -> None:
+    """Several, one after the other; all data carry the commit that stood at the beginning."""
+    ran_on = {} if options.redraw else machine.describe()
+    for study in chosen:
+        if options.redraw:
+            study.redraw(options.docs)
+        else:
+            study.carry_out(options.docs, ran_on)

@@ -6,7 +6,7 @@ from .scenario import POSITION_BOUND
 
 HEAD = """# Importers and checkers
 
-Written by `python -m benchmarks.importers.run` from `docs/importers.json`; `--rewrite` writes this page again from the stored
+Written by `python -m benchmarks.importers.run` from `docs/importers.json`; `--redraw` writes this page again from the stored
 data. Every tool has an environment of its own under `build/importers`, and every run a process of its own.
 
 Each tool runs {scene} for {duration:g} s in steps of {step:g} s: {lift:g} N upward on the top nodes n5 and n6, and a square

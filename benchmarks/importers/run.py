@@ -6,7 +6,6 @@ build/importers.  A tool that cannot be installed, or that refuses an FMU, is a 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -17,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.harness import machine
+from benchmarks.harness.page import Page
+from benchmarks.harness.page import command as command_line
 from tensegrity_core.files import scratch, write_text
 from tensegrity_core.model import Model
 
@@ -105,22 +106,23 @@ def measure(chosen: list[Tool]) -> list[dict]:
     return rows
 
 
+PAGE = Page(__doc__, "importers", lambda: stored(TOOLS), page.render)
+
+
+def stored(chosen: list[Tool]) -> dict:
+    return {"machine": machine.describe(), "scenario": scenario.SHOWN, "rows": measure(chosen)}
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    only = "only tools whose names have one of these words; writes nothing"
-    parser.add_argument("words", nargs="*", metavar="WORD", help=only)
-    parser.add_argument("--rewrite", action="store_true", help="write the page again from docs/importers.json")
+    parser = command_line(__doc__)
+    parser.add_argument(
+        "words", nargs="*", metavar="WORD", help="only tools whose names have one of these words; writes nothing"
+    )
     options = parser.parse_args()
-    stored = ROOT / "docs" / "importers.json"
-    if options.rewrite:
-        data = json.loads(stored.read_text(encoding="utf-8"))
+    if options.words:
+        measure([tool for tool in TOOLS if any(word in tool.name for word in options.words)])
     else:
-        chosen = [tool for tool in TOOLS if not options.words or any(word in tool.name for word in options.words)]
-        data = {"machine": machine.describe(), "scenario": scenario.SHOWN, "rows": measure(chosen)}
-        if options.words:
-            return
-        write_text(stored, json.dumps(data, indent=1) + "\n")
-    write_text(ROOT / "docs" / "importers.md", page.render(data))
+        PAGE.write(options.docs, options.redraw)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import table, wrapped
+from benchmarks.harness.page import Page, table, wrapped
 from fmu_src.packing.libraries import here
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
@@ -331,9 +331,7 @@ def collect(rounds: int) -> dict:
     return {"machine": where, "seconds": round(time.perf_counter() - began), "rows": rows, "solvers": solvers}
 
 
-def main(arguments: list[str] | None = None) -> None:
-    machine.write_page(__doc__, "fmu_speed", 25, collect, report, arguments)
-
+PAGE = Page(__doc__, "fmu_speed", collect, report, options={"rounds": 25})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

@@ -18,25 +18,20 @@ on, and between the largest tower and the largest of at most half its size.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import machine, problems
-from benchmarks.harness.page import new_figure, save, style, table, wrapped
-from tensegrity_core.files import write_text
+from benchmarks.harness.page import Page, listed, new_figure, table, wrapped
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
 from tensegrity_core.scene.towers import tower
 from tensegrity_core.statics import build_model
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 STAGES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 METHODS = {"dop853": "explicit (DOP853)", "rodas5p": "L-stable (Rodas5P)", "radau9": "L-stable (Radau IIA)"}
 IMPLICIT = ("rodas5p", "radau9")
@@ -183,13 +178,8 @@ def exponents(rows: list[dict]) -> dict[str, dict[str, dict[str, float | None]]]
 # --- showing -----------------------------------------------------------------------------------------------------
 
 
-def draw(result: dict, path: Path) -> None:
-    """Four charts over the number of bars, each with n^1 and n^1.2 through the first fitted point."""
-    with style():
-        save(figure_of(result), path)
-
-
 def figure_of(result: dict) -> Figure:
+    """Four charts over the number of bars, each with n^1 and n^1.2 through the first fitted point."""
     figure = new_figure(9.0, 6.6)
     rows, found = result["rows"], result["exponents"]
     charts = [[("step", method, label) for method, label in METHODS.items()]]
@@ -224,11 +214,6 @@ def curve(axes, n, value, scale, power, label, colour, marker) -> None:
         named = f"n^{slope:g}" + (" (limit)" if slope == LIMIT else " (theory)")
         known = named in [old.get_label() for old in axes.lines]
         axes.plot(3 * n[start:], line, dashes, color="#777777", linewidth=1.0, zorder=1, label="_" if known else named)
-
-
-def listed(texts: list[str]) -> str:
-    """'a, b and c'."""
-    return " and ".join(part for part in (", ".join(texts[:-1]), texts[-1]) if part)
 
 
 def short(method: str) -> str:
@@ -299,30 +284,12 @@ def report(result: dict) -> str:
         end_text(result),
         f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in {result['seconds']} "
         "s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.growth`, which also says "
-        "what was measured and how; `--redraw` draws it again from that file ([SVG](figures/growth.svg)).",
+        "what was measured and how; `--redraw` draws it again from that file.",
     ]
     return wrapped("\n\n".join(block for block in blocks if block)) + "\n"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stages", type=int, nargs="+", default=STAGES)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="draw growth.json again, without measuring")
-    options = parser.parse_args()
-    data = options.output / "growth.json"
-    if options.redraw:
-        result = json.loads(data.read_text(encoding="utf-8"))
-    else:
-        result = collect(tuple(options.stages), options.rounds)
-        options.output.mkdir(parents=True, exist_ok=True)
-        write_text(data, json.dumps(result, indent=1) + "\n")
-    draw(result, options.output / "figures" / "growth")
-    text = report(result)
-    write_text(options.output / "growth.md", text)
-    print(text)
-
+PAGE = Page(__doc__, "growth", collect, report, {"growth": figure_of}, {"stages": STAGES, "rounds": 7})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

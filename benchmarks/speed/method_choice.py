@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import table, wrapped
+from benchmarks.harness.page import Page, table, wrapped
 from tensegrity_core.files import scratch
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.native import build
@@ -182,9 +182,7 @@ def quantiles(method: str, rows: list[dict]) -> list[str]:
     return [f"{np.exp(np.log(ratio).mean()):.2f}", f"{np.quantile(ratio, 0.95):.3g}", str(len(found) - len(ratio))]
 
 
-def main(arguments: list[str] | None = None) -> None:
-    machine.write_page(__doc__, "method_choice", 5, collect, report, arguments)
-
+PAGE = Page(__doc__, "method_choice", collect, report, options={"rounds": 5})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

@@ -28,7 +28,7 @@ from statistics import median
 import numpy as np
 
 from benchmarks.harness import machine, problems
-from benchmarks.harness.page import table, wrapped
+from benchmarks.harness.page import Page, table, wrapped
 from benchmarks.peers import toolchain
 from tensegrity_core.fields import METHODS
 from tensegrity_core.files import scratch, write_bytes
@@ -312,9 +312,7 @@ def collect(rounds: int) -> dict:
     return {"machine": where, "conditions": conditions, "seconds": round(time.perf_counter() - began), "rows": rows}
 
 
-def main(arguments: list[str] | None = None) -> None:
-    machine.write_page(__doc__, "scene_costs", 25, collect, report, arguments)
-
+PAGE = Page(__doc__, "scene_costs", collect, report, options={"rounds": 25})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from benchmarks.harness import machine, problems
-from benchmarks.harness.page import table, wrapped
+from benchmarks.harness.page import Page, table, wrapped
 from fmu_src import build as build_fmu
 from fmu_src.validation import speed as fmu_speed
 from tensegrity_core.files import scratch
@@ -181,9 +181,7 @@ def collect(rounds: int) -> dict:
     return result | {"fmu": fmu_row("three_bar_nsh"), "seconds": round(time.perf_counter() - began)}
 
 
-def main(arguments: list[str] | None = None) -> None:
-    machine.write_page(__doc__, "speed", 15, collect, report, arguments)
-
+PAGE = Page(__doc__, "speed", collect, report, options={"rounds": 15})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import table, wrapped
+from benchmarks.harness.page import Page, table, wrapped
 from tensegrity_core.files import scratch
 from tensegrity_core.native import build
 from tensegrity_core.scene import builtin_scenes
@@ -149,9 +149,7 @@ def report(result: dict) -> str:
     )
 
 
-def main(arguments: list[str] | None = None) -> None:
-    machine.write_page(__doc__, "unused_parts", ROUNDS, collect, report, arguments)
-
+PAGE = Page(__doc__, "unused_parts", collect, report, options={"rounds": ROUNDS})
 
 if __name__ == "__main__":
-    main()
+    PAGE.main()

@@ -15,12 +15,9 @@ from benchmarks.harness import page as common
 STUDIES = ("branch_two", "drift", "maps", "fixed_cost", "extremes", "order", "missed", "long_runs")
 
 
-def main() -> None:
-    chosen, begun = common.arguments(__doc__), common.processor_seconds()
-    for name in STUDIES:
-        study = importlib.import_module(f"benchmarks.stability.{name}")
-        common.carry_out(name, study.measure, study.draw, study.section, chosen)
-    print(f"all: {common.processor_seconds() - begun:.0f} s")
+def main(arguments: list[str] | None = None) -> None:
+    chosen = [importlib.import_module(f"benchmarks.stability.{name}").STUDY for name in STUDIES]
+    common.studies(chosen, common.command(__doc__).parse_args(arguments))
 
 
 if __name__ == "__main__":

@@ -489,5 +489,7 @@ m is the mass at the tip, κ = Q (ζ − 2)/h the largest negative stiffness; th
 """)
 
 
+STUDY = common.Study(__doc__, "branch_two", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("branch_two", measure, draw, section)
+    STUDY.main()

@@ -495,5 +495,7 @@ def _number(value, digits: str) -> str:
     return "–" if value is None or value != value else f"{value:.{digits}}"
 
 
+STUDY = common.Study(__doc__, "drift", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("drift", measure, draw, section)
+    STUDY.main()

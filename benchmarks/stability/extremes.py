@@ -216,5 +216,7 @@ def _list(labels: list[str]) -> str:
     return f" (it exceeds a tenth of the smallest error, *, for: {'; '.join(labels)})" if labels else ""
 
 
+STUDY = common.Study(__doc__, "extremes", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("extremes", measure, draw, section)
+    STUDY.main()

@@ -330,5 +330,7 @@ ROS2's error by a run at {LESS_TIGHT:g}{crosses}.
 """)
 
 
+STUDY = common.Study(__doc__, "fixed_cost", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("fixed_cost", measure, draw, section)
+    STUDY.main()

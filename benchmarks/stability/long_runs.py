@@ -378,5 +378,7 @@ a tolerance of {LOOSE:g} where the method has one; for rk4 |R| is 1 − (ωh)⁶
 """)
 
 
+STUDY = common.Study(__doc__, "long_runs", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("long_runs", measure, draw, section)
+    STUDY.main()

@@ -266,5 +266,7 @@ that go slack and taut see "ROS2 at 1 ms" below.
 """)
 
 
+STUDY = common.Study(__doc__, "maps", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("maps", measure, draw, section)
+    STUDY.main()

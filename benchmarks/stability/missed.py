@@ -362,5 +362,7 @@ def _span(counts) -> str:
     return str(high) if low == high else f"{low} to {high}"
 
 
+STUDY = common.Study(__doc__, "missed", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("missed", measure, draw, section)
+    STUDY.main()

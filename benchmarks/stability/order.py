@@ -299,5 +299,7 @@ def format_slope(value: float | None) -> str:
     return "–" if value is None else f"{value:.1f}"
 
 
+STUDY = common.Study(__doc__, "order", measure, draw, section)
+
 if __name__ == "__main__":
-    common.main("order", measure, draw, section)
+    STUDY.main()

@@ -6,12 +6,12 @@ behind.
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.harness.page import new_figure, save, style
+from benchmarks.harness.page import new_figure
 
 from .data import front
 
@@ -201,8 +201,10 @@ def figure_of(result: dict, name: str) -> Figure:
     return scene_figure(result, name)
 
 
-def draw(result: dict, folder: Path) -> None:
-    """All figures."""
-    with style():
-        for name in names(result):
-            save(figure_of(result, name), folder / f"work_precision_{name}")
+def drawn(result: dict, name: str) -> Figure | None:
+    """None where the data hold none of its problems."""
+    return figure_of(result, name) if name in names(result) else None
+
+
+#: Of a full run.
+FIGURES = {f"work_precision_{n}": partial(drawn, name=n) for n in ("two_bar", "three_bar", "six_bar", "free_flight", "mujoco")}

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from benchmarks.harness.page import table, wrapped
-from tensegrity_core.files import write_text
 
 from . import figures, nsh, targets
 from .data import ADAPTIVE, AUTO, CVODE, OWN, PLAIN, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio, ratios
 
-COMMAND = "python -m benchmarks.work_precision.run --redraw"
 #: Errors, m, at which free flight and MuJoCo's problem are compared.
 FLIGHT, MUJOCO = 1e-7, (1e-4, 1e-6)
 TABLES = {
@@ -392,7 +388,6 @@ def figure_part(result: dict) -> list[str]:
     for name in figures.names(result):
         path = f"figures/work_precision_{name}"
         blocks += [f"### {name}", f"![time against error, {name}]({path}.png)", figure_text(result, name)]
-        blocks.append(f"Redraw: `{COMMAND}` ([SVG]({path}.svg))")
     return blocks
 
 
@@ -400,7 +395,3 @@ def page(result: dict) -> str:
     """docs/work-precision.md."""
     parts = (introduction, target_part, three_bar_part, own_part, nsh_part, figure_part)
     return wrapped("\n\n".join(block for part in parts for block in part(result))) + "\n"
-
-
-def write(result: dict, folder: Path) -> None:
-    write_text(folder / "work-precision.md", page(result))

@@ -1,5 +1,5 @@
 """Work against precision: ``python -m benchmarks.work_precision.run`` writes docs/work_precision.json, the figures
-docs/figures/work_precision_*.{png,svg} and docs/work-precision.md.
+docs/figures/work_precision_*.png and docs/work-precision.md.
 
 Every contender solves every problem (problems.py) at a ladder of tolerances or steps; error and time come from the same
 run.  The error is the largest deviation of the judged nodes from a run of our radau9 at tolerance 1e-13, at 21 instants.
@@ -26,13 +26,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import machine, problems
+from benchmarks.harness.page import Page, command
 from benchmarks.peers import article, mujoco_engine, native, scipy_compiled, toolchain
 from benchmarks.peers.ladder import Ladder, Run, too_long
 from tensegrity_core.files import scratch
 
 from . import data, figures, nsh, report
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 PEERS = ("cvode", "arkode", "plain", "scipy", "article", "mujoco")
 #: Time of one turn of a fast contender, s: it repeats its run as often as fits.
 TURN = 0.008
@@ -155,15 +155,13 @@ def row(problem: problems.Problem, entry: Entry, exact: Run) -> dict:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     parser.add_argument("--problems", default="*", help="names or patterns, with commas between them: three_bar/*,free_flight")
     parser.add_argument("--peers", default=",".join(PEERS), help="families, with commas between them; none: our kernel alone")
     parser.add_argument("--rounds", type=int, default=3, help="turns of every contender after its first run")
     parser.add_argument("--budget", type=float, default=0.2, help="s after which a rung takes no further turn")
     parser.add_argument("--limit", type=float, default=3.0, help="s that a run may take, and all first runs of a contender")
     parser.add_argument("--quick", action="store_true", help="two rounds, every fourth setting, runs of 0.3 s at most")
-    parser.add_argument("--output", type=Path, default=ROOT / "docs")
-    parser.add_argument("--redraw", action="store_true", help="draw and write from the JSON, without measuring")
     options = parser.parse_args(arguments)
     patterns = options.problems.split(",")
     options.problems = [name for name in problems.names() if any(fnmatch(name, p) for p in patterns)]
@@ -208,16 +206,12 @@ def _version(module: str) -> str:
         return "missing"
 
 
+PAGE = Page(__doc__, "work_precision", measure_all, report.page, figures.FIGURES, keep=data.save, read=data.load)
+
+
 def main(arguments: list[str] | None = None) -> None:
     options = parse(arguments)
-    path = options.output / "work_precision.json"
-    if options.redraw:
-        result = data.load(path)
-    else:
-        result = measure_all(options)
-        data.save(result, path)
-    figures.draw(result, options.output / "figures")
-    report.write(result, options.output)
+    PAGE.write(options.docs, options.redraw, options=options)
 
 
 if __name__ == "__main__":

@@ -302,7 +302,7 @@ def test_stored_data_are_what_this_code_gives():
     found, kept = measures.heights(experiments.system("two_bar_nsh")), stored("claims")["I"]["base"]["two_bar_nsh"]
     assert found["z"] == pytest.approx(kept["z"], rel=1e-5)
     assert found["snaps"] == kept["snaps"]
-    rows = read(DOCS / "figures" / "experiment_I.csv")
+    rows = read(DOCS / "data" / "experiment_I.csv")
     assert found["z"] == pytest.approx(rows["two_bar_nsh.n3.z"], abs=1e-8)
 
 

@@ -119,7 +119,7 @@ def test_right_hand_side_is_timed(tools, tmp_path):
 def test_quick_run_writes_page_figure_and_data(tools, tmp_path, monkeypatch):
     monkeypatch.setattr(toolchain, "build", lambda folder: tools)
     monkeypatch.setattr(work_precision.os, "sched_setaffinity", lambda *_: None, raising=False)
-    arguments = ["--quick", "--problems", "three_bar/500", "--peers", "scipy", "--output", str(tmp_path)]
+    arguments = ["--quick", "--problems", "three_bar/500", "--peers", "scipy", "--docs", str(tmp_path)]
     work_precision.main(arguments)
     page, found = tmp_path / "work-precision.md", data.load(tmp_path / "work_precision.json")
     auto = data.fastest(found["rows"], "three_bar/500", **data.AUTO)
@@ -129,7 +129,7 @@ def test_quick_run_writes_page_figure_and_data(tools, tmp_path, monkeypatch):
     assert "not measured" not in page.read_text(encoding="utf-8") and "None" not in page.read_text(encoding="utf-8")
     png, first = tmp_path / "figures" / "work_precision_three_bar.png", page.read_text(encoding="utf-8")
     drawn = png.read_bytes()
-    work_precision.main(["--redraw", "--output", str(tmp_path)])
+    work_precision.main(["--redraw", "--docs", str(tmp_path)])
     assert page.read_text(encoding="utf-8") == first and png.read_bytes() == drawn
 
 
@@ -306,4 +306,4 @@ def test_data_come_back_as_they_were_saved(tmp_path):
 
 def test_missing_data_are_named(tmp_path):
     with pytest.raises(SystemExit, match="work_precision.json is missing"):
-        work_precision.main(["--redraw", "--output", str(tmp_path)])
+        work_precision.main(["--redraw", "--docs", str(tmp_path)])

@@ -1,6 +1,5 @@
 """docs/memory.md: what its script measures, at reduced size, and the page against its data."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,15 +18,15 @@ DOCS = ROOT / "docs"
 
 
 def stored():
-    data = json.loads((DOCS / "memory.json").read_text(encoding="utf-8"))
-    return data, memory.read_series(DOCS / "figures", data["series"])
+    data = memory.PAGE.read(DOCS / "memory.json")
+    return data, data["columns"]
 
 
 # --- the page ----------------------------------------------------------------------------------------------------
 
 
 def test_page_comes_from_its_data():
-    assert memory.report(*stored()) == (DOCS / "memory.md").read_text(encoding="utf-8")
+    assert memory.report(stored()[0]) == (DOCS / "memory.md").read_text(encoding="utf-8")
 
 
 def test_stored_numbers_hold_what_the_page_says():

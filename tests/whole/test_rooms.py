@@ -34,6 +34,7 @@ FLOORS = (
     ("benchmarks", "benchmarks.harness"),
     ("benchmarks.peers",),
     ("benchmarks.stability", "benchmarks.article", "benchmarks.speed", "benchmarks.work_precision", "benchmarks.importers"),
+    ("benchmarks.redraw",),
 )
 #: What stands in an FMU, or in an importer's environment, and imports what is there.
 ELSEWHERE = ("fmu_src.python_runtime", "benchmarks.importers.drivers")
