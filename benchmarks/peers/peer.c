@@ -150,7 +150,7 @@ void peer_rhs(peer *p, const double *x, double *dx)
 void peer_jacobian(peer *p, const double *x, double *J)
 {
     const ts_sim *sim = p->sim;
-    const ts_pattern *pattern = &sim->pattern;
+    const ts_pattern *pattern = &sim->linear.pattern;
     int n = p->n, nq = p->nq, D = pattern->D;
     p->counts.jacobians++;
     ts_rhs_jacobian(p->sim, 0.0, x);
@@ -161,8 +161,8 @@ void peer_jacobian(peer *p, const double *x, double *J)
             for (int r = 0; r < D; r++)
                 for (int c = 0; c < D; c++) {
                     int row = nq + i * D + r, column = pattern->column[e] * D + c, entry = (e * D + r) * D + c;
-                    J[column * n + row] = sim->Jq[entry];
-                    J[(nq + column) * n + row] = sim->Jv[entry];
+                    J[column * n + row] = sim->linear.Jq[entry];
+                    J[(nq + column) * n + row] = sim->linear.Jv[entry];
                 }
 }
 
@@ -170,7 +170,7 @@ void peer_jacobian(peer *p, const double *x, double *J)
 static int watched_end(const peer *p, int root)
 {
     if (p->root_end[root]) return p->root_end[root];
-    return p->sim->piece[p->root_string[root]] ? -1 : 1;
+    return p->sim->state.piece[p->root_string[root]] ? -1 : 1;
 }
 
 void peer_distances(peer *p, const double *x, double *g)
@@ -185,7 +185,7 @@ void peer_distances(peer *p, const double *x, double *g)
             g[r] = gap - p->root_at[r];
             continue;
         }
-        double inside = watched_end(p, r) < 0 ? gap - sim->lo[i] : sim->hi[i] - gap;
+        double inside = watched_end(p, r) < 0 ? gap - sim->on.lo[i] : sim->on.hi[i] - gap;
         g[r] = inside < 1.0 ? inside : 1.0; /* an infinite end is never near */
     }
 }
@@ -195,7 +195,7 @@ void peer_switch(peer *p, double *x, const int *found)
 {
     for (int r = 0; r < p->roots; r++) {
         if (!found[r]) continue;
-        int i = p->root_string[r], before = p->sim->piece[i];
+        int i = p->root_string[r], before = p->sim->state.piece[i];
         int after = p->events == PEER_PLAIN ? p->root_end[r] + (found[r] > 0) : before + watched_end(p, r);
         if (after == before) continue; /* round-off: the same root again, just after a restart */
         ts_place(p->sim, i, after);
@@ -208,8 +208,8 @@ double peer_outputs(peer *p, const double *x, double *position)
 {
     const int32_t *at = p->sim->m.at;
     const double *values = ts_values(p->sim);
-    memcpy(p->sim->y, x, sizeof(double) * (size_t)p->n);
-    ts_rhs(p->sim, 0.0, p->sim->y, p->sim->f0); /* whose findings the outputs are */
+    memcpy(p->sim->state.y, x, sizeof(double) * (size_t)p->n);
+    ts_rhs(p->sim, 0.0, p->sim->state.y, p->sim->start.f); /* whose findings the outputs are */
     ts_outputs(p->sim, 0.0);
     memcpy(position, values + at[TS_POSITION], sizeof(double) * (size_t)(at[TS_VELOCITY] - at[TS_POSITION]));
     return values[at[TS_KINETIC]] + values[at[TS_POTENTIAL]] + values[at[TS_ELASTIC]];

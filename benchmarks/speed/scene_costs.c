@@ -73,8 +73,8 @@ static void *read_file(const char *path, size_t *size)
 
 /* ---- Parts of a step ---- */
 
-static void rhs(ts_sim *sim) { ts_rhs(sim, 0.0, sim->y, sim->f0); }
-static void jacobian(ts_sim *sim) { ts_rhs_jacobian(sim, 0.0, sim->y); }
+static void rhs(ts_sim *sim) { ts_rhs(sim, 0.0, sim->state.y, sim->start.f); }
+static void jacobian(ts_sim *sim) { ts_rhs_jacobian(sim, 0.0, sim->state.y); }
 
 static void factorise(ts_sim *sim)
 {
@@ -89,16 +89,16 @@ static void pair_factorise(ts_sim *sim)
 /* Solutions replace their right-hand side, which is therefore put back: repeated solutions fade to numbers that are slow. */
 static void solve(ts_sim *sim)
 {
-    memcpy(sim->k, sim->f0, sizeof(double) * (size_t)sim->m.stride);
-    ts_stage_solve(sim, RATE, sim->k);
+    memcpy(sim->attempt.k, sim->start.f, sizeof(double) * (size_t)sim->m.stride);
+    ts_stage_solve(sim, RATE, sim->attempt.k);
 }
 
 static void pair_solve(ts_sim *sim)
 {
-    double *second = sim->k + sim->m.stride;
-    memcpy(sim->k, sim->f0, sizeof(double) * (size_t)sim->m.stride);
-    memcpy(second, sim->f0, sizeof(double) * (size_t)sim->m.stride);
-    ts_pair_solve(sim, 0, RATE, RATE, sim->k, second);
+    double *second = sim->attempt.k + sim->m.stride;
+    memcpy(sim->attempt.k, sim->start.f, sizeof(double) * (size_t)sim->m.stride);
+    memcpy(second, sim->start.f, sizeof(double) * (size_t)sim->m.stride);
+    ts_pair_solve(sim, 0, RATE, RATE, sim->attempt.k, second);
 }
 
 static const struct {
@@ -233,7 +233,7 @@ static scene make(int number, char **words, const methods *m)
         if (!(s.smooth_part > 0.0)) give_up(words[0], "strings change their pieces without a push");
     }
     printf("%d states = %d\n%d strings = %d\n", number, 2 * s.sim->m.nq, number, s.sim->m.count[TS_S]);
-    printf("%d bars = %d\n%d blocks = %d\n", number, s.sim->m.count[TS_B], number, s.sim->pattern.count);
+    printf("%d bars = %d\n%d blocks = %d\n", number, s.sim->m.count[TS_B], number, s.sim->linear.pattern.count);
     printf("%d memory = %zu\n", number, ts_memory_size(s.sim));
     printf("%d smooth_part = %.9g\n%d full_part = %.9g\n", number, s.smooth_part, number, s.full_part);
     return s;

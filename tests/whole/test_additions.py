@@ -21,7 +21,7 @@ PARTS = ("tensegrity_core", "fmu_src", "build_fmu.py", "LICENSE", "pyproject.tom
 #: The elongation of a string as an output: its row, and its values in the kernel and in the reference.
 ROW = """    Field("elongation", "output", ("S",), "m", "{S}.elongation", "length beyond the rest length", compared="length"),
 """
-KERNEL = "        sim->values[m->at[TS_ELONGATION] + i] = sim->elongation[i];\n"
+KERNEL = "        sim->io.values[m->at[TS_ELONGATION] + i] = sim->strings.elongation[i];\n"
 REFERENCE = "            elongation=strings.elongation,\n"
 
 #: Heun's method, K. Heun, Neue Methoden zur approximativen Integration der Differentialgleichungen einer unabhaengigen
@@ -31,10 +31,10 @@ ATTEMPT = """static double attempt(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
     static const double middle[1] = {1.0}, end[2] = {0.5, 0.5};
-    for (int i = 0; i < stride; i++) sim->k[i] = sim->f0[i];
-    add_stages(sim->y, middle, 1, sim->k, stride, h, n, sim->ytmp);
-    ts_rhs(sim, tau + h, sim->ytmp, sim->k + stride);
-    add_stages(sim->y, end, 2, sim->k, stride, h, stride, sim->y1);
+    for (int i = 0; i < stride; i++) sim->attempt.k[i] = sim->start.f[i];
+    add_stages(sim->state.y, middle, 1, sim->attempt.k, stride, h, n, sim->attempt.y);
+    ts_rhs(sim, tau + h, sim->attempt.y, sim->attempt.k + stride);
+    add_stages(sim->state.y, end, 2, sim->attempt.k, stride, h, stride, sim->ahead.y);
     return 0.0;
 }
 
@@ -70,7 +70,7 @@ def build_libraries(tree: Path, *more: str) -> None:
 def add_output(tree: Path) -> None:
     """Three files."""
     insert(tree / "tensegrity_core" / "fields.py", '    Field("wound_rest_length", ', ROW)
-    insert(source(tree, "outputs.c"), "        force[i] = sim->fs[i] + sim->fd[i];\n", KERNEL)
+    insert(source(tree, "outputs.c"), "        force[i] = sim->strings.fs[i] + sim->strings.fd[i];\n", KERNEL)
     insert(tree / "tensegrity_core" / "reference" / "run.py", "            kinetic=kinetic_energy(", REFERENCE)
 
 

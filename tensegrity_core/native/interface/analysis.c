@@ -26,14 +26,14 @@ int ts_output_derivatives(ts_sim *sim, double *out)
     ts_tangent_outputs(sim, sim->memory.last_step, out);
     ts_swap_back(sim);
     sim->memory = memory; /* looking changes nothing, not even the count of right-hand sides */
-    if (ts_all_finite(out, sim->m.n_real - sim->n_applied)) return TS_OK;
+    if (ts_all_finite(out, sim->m.n_real - sim->io.n_applied)) return TS_OK;
     ts_say(sim, "a derivative of an output is not a finite number");
     return TS_NOT_FINITE;
 }
 
-void ts_locate(ts_sim *sim, int on) { sim->unlocated = !on; }
+void ts_locate(ts_sim *sim, int on) { sim->call.unlocated = !on; }
 int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
-void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->y, sizeof(double) * (size_t)sim->m.ny); }
+void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->state.y, sizeof(double) * (size_t)sim->m.ny); }
 
 /* Analysis takes inputs and parameters as they stand. */
 static void take_values(ts_sim *sim)
@@ -50,11 +50,11 @@ void ts_derivative(ts_sim *sim, double tau, const double *y, double *dy)
 
 void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *Jv, double *ft)
 {
-    const ts_pattern *p = &sim->pattern;
+    const ts_pattern *p = &sim->linear.pattern;
     size_t nq = (size_t)sim->m.nq, D = (size_t)sim->m.count[TS_D];
     take_values(sim);
     ts_rhs_jacobian(sim, tau, y);
-    sim->jacobian_ready = 0;
+    sim->linear.ready = 0;
     memset(Jq, 0, sizeof(double) * nq * nq);
     memset(Jv, 0, sizeof(double) * nq * nq);
     for (size_t i = 0; i < (size_t)p->n; i++)
@@ -62,23 +62,23 @@ void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *J
             for (size_t r = 0; r < D; r++)
                 for (size_t c = 0; c < D; c++) {
                     size_t at = (i * D + r) * nq + (size_t)p->column[n] * D + c;
-                    Jq[at] = sim->Jq[(n * D + r) * D + c];
-                    Jv[at] = sim->Jv[(n * D + r) * D + c];
+                    Jq[at] = sim->linear.Jq[(n * D + r) * D + c];
+                    Jv[at] = sim->linear.Jv[(n * D + r) * D + c];
                 }
-    memcpy(ft, sim->ft, sizeof(double) * nq);
+    memcpy(ft, sim->linear.ft, sizeof(double) * nq);
 }
 
 int ts_string_law(const ts_sim *sim, int32_t string, double elongation, double out[3])
 {
-    if (!sim->curves_ready) return -1;
-    return ts_piece_law(sim, string, ts_curve_piece(sim->curve + string, elongation), elongation, out);
+    if (!sim->laws.ready) return -1;
+    return ts_piece_law(sim, string, ts_curve_piece(sim->laws.curve + string, elongation), elongation, out);
 }
 
 int ts_piece_law(const ts_sim *sim, int32_t string, int32_t piece, double elongation, double out[3])
 {
-    if (!sim->curves_ready || piece < 0 || piece >= sim->curve[string].pieces) return -1;
-    const ts_curve *c = sim->curve + string;
-    double k = sim->values[sim->m.at[TS_STIFFNESS] + string];
+    if (!sim->laws.ready || piece < 0 || piece >= sim->laws.curve[string].pieces) return -1;
+    const ts_curve *c = sim->laws.curve + string;
+    double k = sim->io.values[sim->m.at[TS_STIFFNESS] + string];
     out[0] = ts_curve_force(c, piece, elongation, k, out + 1);
     out[2] = ts_curve_energy(c, piece, elongation, k);
     return piece;
@@ -86,8 +86,8 @@ int ts_piece_law(const ts_sim *sim, int32_t string, int32_t piece, double elonga
 
 int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capacity)
 {
-    if (!sim->curves_ready) return -1;
-    const ts_curve *c = sim->curve + string;
+    if (!sim->laws.ready) return -1;
+    const ts_curve *c = sim->laws.curve + string;
     int count = 0;
     for (int p = 0; p >= 0 && c->piece[p].hi < INFINITY && count <= c->pieces; p = c->piece[p].up, count++)
         if (count < capacity) out[count] = c->piece[p].hi;
@@ -96,8 +96,8 @@ int ts_breakpoints(const ts_sim *sim, int32_t string, double *out, int32_t capac
 
 int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out, int32_t capacity)
 {
-    if (!sim->curves_ready) return -1;
-    const ts_curve *c = sim->curve + string;
+    if (!sim->laws.ready) return -1;
+    const ts_curve *c = sim->laws.curve + string;
     for (int i = 0; i < c->pieces && i < capacity; i++) {
         const ts_piece *p = c->piece + i;
         out[i] =

@@ -25,30 +25,30 @@ int ts_build_curves(ts_sim *sim)
 void ts_set_reach(ts_sim *sim)
 {
     double reach = ts_fixed_step(sim->memory.method) ? 1.0 : INFINITY;
-    for (int i = 0; i < sim->m.count[TS_S]; i++) sim->curve[i].reach = reach;
+    for (int i = 0; i < sim->m.count[TS_S]; i++) sim->laws.curve[i].reach = reach;
 }
 
 void ts_set_pieces(ts_sim *sim)
 {
-    for (int i = 0; i < sim->m.count[TS_S]; i++) ts_place(sim, i, sim->piece[i]);
+    for (int i = 0; i < sim->m.count[TS_S]; i++) ts_place(sim, i, sim->state.piece[i]);
 }
 
 /* The inputs and parameters of the last step in place of the present ones, which the caller may have changed since. */
 void ts_swap_applied(ts_sim *sim)
 {
-    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
-    memcpy(sim->backup, sim->values, sizeof(double) * reals);
-    memcpy(sim->backup + reals, sim->slopes, sizeof(double) * slopes);
-    memcpy(sim->values, sim->applied, sizeof(double) * (size_t)sim->n_applied);
-    memcpy(sim->slopes, sim->applied_slopes, sizeof(double) * slopes);
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->io.n_inputs;
+    memcpy(sim->undo.reals, sim->io.values, sizeof(double) * reals);
+    memcpy(sim->undo.reals + reals, sim->io.slopes, sizeof(double) * slopes);
+    memcpy(sim->io.values, sim->io.applied, sizeof(double) * (size_t)sim->io.n_applied);
+    memcpy(sim->io.slopes, sim->io.applied_slopes, sizeof(double) * slopes);
 }
 
 /* The present ones and the outputs again. */
 void ts_swap_back(ts_sim *sim)
 {
-    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->n_inputs;
-    memcpy(sim->values, sim->backup, sizeof(double) * reals);
-    memcpy(sim->slopes, sim->backup + reals, sizeof(double) * slopes);
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->io.n_inputs;
+    memcpy(sim->io.values, sim->undo.reals, sizeof(double) * reals);
+    memcpy(sim->io.slopes, sim->undo.reals + reals, sizeof(double) * slopes);
 }
 
 /* What a step derives from inputs and parameters. */

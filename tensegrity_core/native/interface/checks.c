@@ -23,7 +23,7 @@ static int accept(ts_sim *sim, int field, double x)
     double low = bounds[field].low, high = bounds[field].high;
     if (isfinite(x) && x >= low && x <= high) return 1;
     if (!isfinite(x)) ts_say(sim, "is not a finite number");
-    else if (high < DBL_MAX) snprintf(sim->message, sizeof sim->message, "must lie between %g and %g", low, high);
+    else if (high < DBL_MAX) snprintf(sim->told.message, sizeof sim->told.message, "must lie between %g and %g", low, high);
     else ts_say(sim, low > 0.0 ? "must be positive" : "must not be negative");
     return 0;
 }
@@ -32,9 +32,9 @@ static int accept(ts_sim *sim, int field, double x)
 static int wrong_beam(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    const double *zeta = sim->values + m->at[TS_NSH_ZETA];
+    const double *zeta = sim->io.values + m->at[TS_NSH_ZETA];
     for (int i = 0; i < m->count[TS_S]; i++)
-        for (int j = m->beam_first[i]; j < m->beam_first[i] + m->beams[i] && !m->beam_law[i]; j++)
+        for (int j = m->string.beam_first[i]; j < m->string.beam_first[i] + m->packed.beams[i] && !m->packed.beam_law[i]; j++)
             if (!(zeta[j] > 2.0 && zeta[j] < 8.0)) return m->at[TS_NSH_ZETA] + j;
     return -1;
 }
@@ -43,9 +43,9 @@ static int wrong_beam(const ts_sim *sim)
 static int wrong_mass(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    for (int i = 0; m->lone_count && i < m->count[TS_P]; i++) {
-        int block = m->node_block[m->massed[i]];
-        if (block >= 0 && m->block_bar[block] < 0 && !(sim->values[m->at[TS_POINT_MASS] + i] > 0.0))
+    for (int i = 0; m->node.lone_count && i < m->count[TS_P]; i++) {
+        int block = m->node.block[m->packed.massed[i]];
+        if (block >= 0 && m->block.bar[block] < 0 && !(sim->io.values[m->at[TS_POINT_MASS] + i] > 0.0))
             return m->at[TS_POINT_MASS] + i;
     }
     return -1;
@@ -57,7 +57,7 @@ static int check_fields(ts_sim *sim, int end, int32_t *index)
     const ts_model *m = &sim->m;
     for (int f = 0; f < end; f++)
         for (int i = m->at[f]; i < m->at[f + 1]; i++) {
-            if (accept(sim, f, sim->values[i])) continue;
+            if (accept(sim, f, sim->io.values[i])) continue;
             *index = i;
             return TS_BAD_INPUT;
         }
@@ -67,7 +67,7 @@ static int check_fields(ts_sim *sim, int end, int32_t *index)
 int ts_check(ts_sim *sim, int32_t *index)
 {
     const ts_model *m = &sim->m;
-    int method = sim->integers[m->int_at[TS_INT_METHOD]], status = check_fields(sim, TS_POSITION, index);
+    int method = sim->io.integers[m->int_at[TS_INT_METHOD]], status = check_fields(sim, TS_POSITION, index);
     if (status != TS_OK) return status;
     int beam = wrong_beam(sim);
     if (beam >= 0) {
@@ -92,8 +92,8 @@ int ts_check(ts_sim *sim, int32_t *index)
 /* Smallest rest length of a string within the step, m: at an end, or where its rate, a quadratic, is zero. */
 static double shortest_rest_length(const ts_sim *sim, int i, double h)
 {
-    double r = sim->rest_rate[i], b = sim->rest_bend[i], j = sim->rest_jerk[i];
-    double least = fmin(sim->rest[i], ts_rest_length(sim, i, h));
+    double r = sim->rest.rate[i], b = sim->rest.bend[i], j = sim->rest.jerk[i];
+    double least = fmin(sim->rest.length[i], ts_rest_length(sim, i, h));
     double root = b * b - 2.0 * j * r, q = -(b + (b < 0.0 ? -1.0 : 1.0) * sqrt(root)); /* no number where there is no root */
     double turn[2] = {q / j, 2.0 * r / q};
     for (int k = 0; k < 2; k++)
@@ -108,24 +108,25 @@ int ts_check_change(ts_sim *sim, double h)
     int32_t index;
     int status = check_fields(sim, TS_BAR_MASS, &index); /* those behind it must not change */
     if (status != TS_OK) return status;
-    int same = sim->integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
-    for (int i = 0; i < 2 * sim->n_inputs; i++)
-        if (!isfinite(sim->slopes[i])) {
+    int same = sim->io.integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
+    for (int i = 0; i < 2 * sim->io.n_inputs; i++)
+        if (!isfinite(sim->io.slopes[i])) {
             ts_say(sim, "the derivative of an input is not a finite number");
             return TS_BAD_INPUT;
         }
-    for (int i = m->at[TS_BAR_MASS]; i < sim->n_applied; i++) same = same && sim->values[i] == sim->applied[i];
+    for (int i = m->at[TS_BAR_MASS]; i < sim->io.n_applied; i++) same = same && sim->io.values[i] == sim->io.applied[i];
     if (!same) {
         ts_say(sim, "a fixed parameter was changed after initialization");
         return TS_BAD_INPUT;
     }
-    for (int i = 0; m->curved_count && i < m->count[TS_S]; i++)
-        if (sim->curve[i].branches && sim->values[m->at[TS_STIFFNESS] + i] != sim->applied[m->at[TS_STIFFNESS] + i]) {
+    for (int i = 0; m->string.curved_count && i < m->count[TS_S]; i++)
+        if (sim->laws.curve[i].branches &&
+            sim->io.values[m->at[TS_STIFFNESS] + i] != sim->io.applied[m->at[TS_STIFFNESS] + i]) {
             ts_say(sim, "the stiffness of a string with memory (the hysteretic law) was changed after initialization");
             return TS_BAD_INPUT;
         }
     for (int i = 0; i < m->count[TS_S]; i++)
-        if (sim->rest_moves && shortest_rest_length(sim, i, h) < -4.0 * DBL_EPSILON * sim->rest[i]) {
+        if (sim->rest.moves && shortest_rest_length(sim, i, h) < -4.0 * DBL_EPSILON * sim->rest.length[i]) {
             ts_say(sim, "a rest length would become negative within the step");
             return TS_BAD_INPUT;
         }
@@ -146,8 +147,8 @@ int ts_all_finite(const double *x, int n)
 /* Velocities may be finite whose energy is not. */
 int ts_check_outputs(ts_sim *sim, const char *when)
 {
-    if (ts_all_finite(sim->values + sim->n_applied, sim->m.n_real - sim->n_applied)) return TS_OK;
-    snprintf(sim->message, sizeof sim->message, "a force, a velocity or an energy %s is not a finite number; lower the loads",
-             when);
+    if (ts_all_finite(sim->io.values + sim->io.n_applied, sim->m.n_real - sim->io.n_applied)) return TS_OK;
+    snprintf(sim->told.message, sizeof sim->told.message,
+             "a force, a velocity or an energy %s is not a finite number; lower the loads", when);
     return TS_NOT_FINITE;
 }

@@ -11,7 +11,7 @@ static const char *const status_names[] = {
 #undef TS_ERROR
 };
 
-void ts_say(ts_sim *sim, const char *text) { snprintf(sim->message, sizeof sim->message, "%s", text); }
+void ts_say(ts_sim *sim, const char *text) { snprintf(sim->told.message, sizeof sim->told.message, "%s", text); }
 
-const char *ts_message(const ts_sim *sim) { return sim->message; }
+const char *ts_message(const ts_sim *sim) { return sim->told.message; }
 const char *ts_status_name(int status) { return status >= 0 && status < TS_STATUS_COUNT ? status_names[status] : "?"; }

@@ -32,15 +32,15 @@ static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
         size_t size;
     } parts[] = {
         {&sim->memory, sizeof sim->memory},
-        {sim->values, sizeof(double) * (size_t)m->n_real},
-        {sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs},
-        {sim->applied_slopes, 2 * sizeof(double) * (size_t)sim->n_inputs},
-        {sim->applied, sizeof(double) * (size_t)sim->n_applied},
-        {sim->y, sizeof(double) * (size_t)m->ny},
-        {sim->integers, sizeof(int32_t) * (size_t)m->n_int},
-        {sim->piece, S},
-        {sim->clipped, S},
-        {sim->ahead, sizeof(double) * sim->ahead_size},
+        {sim->io.values, sizeof(double) * (size_t)m->n_real},
+        {sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs},
+        {sim->io.applied_slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs},
+        {sim->io.applied, sizeof(double) * (size_t)sim->io.n_applied},
+        {sim->state.y, sizeof(double) * (size_t)m->ny},
+        {sim->io.integers, sizeof(int32_t) * (size_t)m->n_int},
+        {sim->state.piece, S},
+        {sim->state.clipped, S},
+        {sim->ahead.all, sizeof(double) * sim->ahead.size},
     };
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
         if (direction == OUT) memcpy(at + total, parts[i].data, parts[i].size);
@@ -57,10 +57,10 @@ size_t ts_state_size(const ts_sim *sim)
 
 int ts_save(const ts_sim *sim, void *bytes, size_t size)
 {
-    state_header header = {STATE_MAGIC, sim->m.hash};
+    state_header header = {STATE_MAGIC, sim->m.packed.hash};
     if (size != ts_state_size(sim)) return TS_BAD_STATE;
     memcpy(bytes, &header, sizeof header);
-    size_t parts = copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT), ahead = sizeof(double) * sim->ahead_size;
+    size_t parts = copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT), ahead = sizeof(double) * sim->ahead.size;
     TS_ASSERT(sizeof header + parts + sizeof(uint64_t) == size);
     ts_memory memory = sim->memory;
     ts_clear_scratch(sim, &memory, (char *)bytes + sizeof header + parts - ahead);
@@ -96,13 +96,14 @@ static int is_open(const ts_span *span)
 static int is_possible(const ts_sim *sim)
 {
     const ts_memory *memory = &sim->memory;
-    const int S = sim->m.count[TS_S], method = sim->integers[sim->m.int_at[TS_INT_METHOD]];
+    const int S = sim->m.count[TS_S], method = sim->io.integers[sim->m.int_at[TS_INT_METHOD]];
     int possible =
         memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
     possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(sim);
     possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
     possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 && is_open(&memory->span) : memory->span.h == 0.0);
-    for (int i = 0; i < S; i++) possible = possible && sim->piece[i] >= 0 && sim->piece[i] < sim->curve[i].pieces;
+    for (int i = 0; i < S; i++)
+        possible = possible && sim->state.piece[i] >= 0 && sim->state.piece[i] < sim->laws.curve[i].pieces;
     return possible;
 }
 
@@ -114,21 +115,21 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
         memcpy(&header, bytes, sizeof header);
         memcpy(&hash, (const char *)bytes + size - sizeof hash, sizeof hash);
     }
-    if (size != ts_state_size(sim) || header.magic != STATE_MAGIC || header.model != sim->m.hash ||
+    if (size != ts_state_size(sim) || header.magic != STATE_MAGIC || header.model != sim->m.packed.hash ||
         hash != ts_fnv(bytes, size - sizeof hash)) {
         ts_say(sim, "the saved state is damaged, of another version or of another model");
         return TS_BAD_STATE;
     }
     copy_state(sim, (char *)bytes + sizeof header, IN);
-    sim->transition_count = 0;
+    sim->told.count = 0;
     int possible = sim->memory.started || sim->memory.span.h == 0.0;
     if (possible && !sim->memory.started) return TS_OK;
     int32_t index;
     ts_swap_applied(sim);
-    possible = possible && is_sound(&sim->memory) && ts_all_finite(sim->y, sim->m.ny);
+    possible = possible && is_sound(&sim->memory) && ts_all_finite(sim->state.y, sim->m.ny);
     possible = possible && ts_check(sim, &index) == TS_OK && ts_build_curves(sim) == TS_OK && is_possible(sim);
     if (possible) ts_derive(sim);
-    possible = possible && ts_all_finite(sim->values + sim->n_applied, sim->m.n_real - sim->n_applied);
+    possible = possible && ts_all_finite(sim->io.values + sim->io.n_applied, sim->m.n_real - sim->io.n_applied);
     ts_swap_back(sim);
     if (possible) return TS_OK;
     ts_reset(sim);

@@ -32,7 +32,7 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
     }
     const char *reason = ts_dampers_build(sim);
     if (reason || ts_reset(sim) != TS_OK) {
-        snprintf(message, capacity, "%s", reason ? reason : sim->message);
+        snprintf(message, capacity, "%s", reason ? reason : sim->told.message);
         ts_free(sim);
         return NULL;
     }
@@ -43,13 +43,13 @@ int ts_reset(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int32_t index;
-    memset(sim->values, 0, sizeof(double) * (size_t)m->n_real);
-    memset(sim->integers, 0, sizeof(int32_t) * (size_t)m->n_int);
+    memset(sim->io.values, 0, sizeof(double) * (size_t)m->n_real);
+    memset(sim->io.integers, 0, sizeof(int32_t) * (size_t)m->n_int);
     memset(&sim->memory, 0, sizeof sim->memory);
-    memcpy(sim->values, m->start, sizeof(double) * (size_t)sim->n_applied);
-    memset(sim->slopes, 0, 2 * sizeof(double) * (size_t)sim->n_inputs);
-    sim->integers[m->int_at[TS_INT_METHOD]] = m->method_start;
-    sim->transition_count = 0;
+    memcpy(sim->io.values, m->packed.start, sizeof(double) * (size_t)sim->io.n_applied);
+    memset(sim->io.slopes, 0, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
+    sim->io.integers[m->int_at[TS_INT_METHOD]] = m->packed.method;
+    sim->told.count = 0;
     int status =
         ts_check(sim, &index) == TS_OK ? ts_build_curves(sim) : TS_OK; /* else ts_initialize() will say what is wrong */
     if (status == TS_OK) ts_say(sim, "");
@@ -66,25 +66,25 @@ void ts_free(ts_sim *sim)
 }
 
 void ts_counts(const ts_sim *sim, int32_t counts[TS_COUNTS]) { memcpy(counts, sim->m.count, sizeof sim->m.count); }
-double *ts_values(ts_sim *sim) { return sim->values; }
+double *ts_values(ts_sim *sim) { return sim->io.values; }
 int32_t ts_real_count(const ts_sim *sim) { return sim->m.n_real; }
 int32_t ts_integer_count(const ts_sim *sim) { return sim->m.n_int; }
-double *ts_slopes(ts_sim *sim) { return sim->slopes; }
-int32_t ts_input_count(const ts_sim *sim) { return sim->n_inputs; }
-int32_t ts_output_first(const ts_sim *sim) { return sim->n_applied; }
-int32_t *ts_integers(ts_sim *sim) { return sim->integers; }
+double *ts_slopes(ts_sim *sim) { return sim->io.slopes; }
+int32_t ts_input_count(const ts_sim *sim) { return sim->io.n_inputs; }
+int32_t ts_output_first(const ts_sim *sim) { return sim->io.n_applied; }
+int32_t *ts_integers(ts_sim *sim) { return sim->io.integers; }
 double ts_time(const ts_sim *sim) { return sim->memory.time + sim->memory.time_low; }
-size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->bytes; }
-int64_t ts_transition_count(const ts_sim *sim) { return sim->transition_count; }
+size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->owned.bytes; }
+int64_t ts_transition_count(const ts_sim *sim) { return sim->told.count; }
 int32_t ts_transition_stored(const ts_sim *sim)
 {
-    return sim->transition_count < TS_MAX_TRANSITIONS ? (int32_t)sim->transition_count : TS_MAX_TRANSITIONS;
+    return sim->told.count < TS_MAX_TRANSITIONS ? (int32_t)sim->told.count : TS_MAX_TRANSITIONS;
 }
-const ts_transition *ts_transitions(const ts_sim *sim) { return sim->transitions; }
+const ts_transition *ts_transitions(const ts_sim *sim) { return sim->told.transitions; }
 int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
 {
-    if (!sim->curves_ready || piece <= 0) return 0;
-    const ts_curve *c = sim->curve + string;
+    if (!sim->laws.ready || piece <= 0) return 0;
+    const ts_curve *c = sim->laws.curve + string;
     return c->branches ? piece - 1 : piece < c->pieces ? c->piece[piece].snapped : 0;
 }
 void ts_stats(const ts_sim *sim, int64_t stats[TS_STATS]) { memcpy(stats, sim->memory.stats, sizeof sim->memory.stats); }
@@ -94,10 +94,10 @@ static void move_to_centres(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    for (int i = 0; i < m->floating_count; i++)
+    for (int i = 0; i < m->bar.floating_count; i++)
         for (int d = 0; d < D; d++)
-            for (int at = m->floating[i].block * D + d; at < 2 * m->nq; at += m->nq)
-                sim->y[at] += (m->floating[i].lower - 0.5) * sim->y[at + D];
+            for (int at = m->bar.floating[i].block * D + d; at < 2 * m->nq; at += m->nq)
+                sim->state.y[at] += (m->bar.floating[i].lower - 0.5) * sim->state.y[at + D];
 }
 
 int ts_initialize(ts_sim *sim, double time)
@@ -115,7 +115,7 @@ int ts_initialize(ts_sim *sim, double time)
         ts_keep_curves(sim);
         return status;
     }
-    int method = sim->integers[m->int_at[TS_INT_METHOD]];
+    int method = sim->io.integers[m->int_at[TS_INT_METHOD]];
     memset(&sim->memory, 0, sizeof sim->memory);
     sim->memory.time = time;
     sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
@@ -123,23 +123,24 @@ int ts_initialize(ts_sim *sim, double time)
     sim->memory.method = method;
     sim->memory.started = 1;
     ts_set_reach(sim);
-    sim->transition_count = 0;
-    memcpy(sim->y, m->y_start, sizeof(double) * (size_t)m->ny);
-    memcpy(sim->applied, sim->values, sizeof(double) * (size_t)sim->n_applied);
-    memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
+    sim->told.count = 0;
+    memcpy(sim->state.y, m->y_start, sizeof(double) * (size_t)m->ny);
+    memcpy(sim->io.applied, sim->io.values, sizeof(double) * (size_t)sim->io.n_applied);
+    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
     ts_prepare(sim);
     move_to_centres(sim);
-    ts_project(sim, sim->y);
+    ts_project(sim, sim->state.y);
     ts_jump_bases(sim, NULL, NULL, 0.0);
     /* strings with memory come from slack; what that dissipated was before the start */
-    memset(sim->piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
+    memset(sim->state.piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
     ts_place_all(sim);
-    sim->transition_count = sim->memory.stats[TS_TRANSITIONS] = 0;
-    ts_rhs(sim, 0.0, sim->y, sim->f0);
-    for (int i = sim->n_applied; i < m->n_real; i++) sim->values[i] = NAN; /* an output that nothing fills is found below */
+    sim->told.count = sim->memory.stats[TS_TRANSITIONS] = 0;
+    ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
+    for (int i = sim->io.n_applied; i < m->n_real; i++)
+        sim->io.values[i] = NAN; /* an output that nothing fills is found below */
     ts_outputs(sim, 0.0);
     status = ts_check_outputs(sim, "at the start");
-    if (!ts_all_finite(sim->f0, 2 * m->nq)) {
+    if (!ts_all_finite(sim->start.f, 2 * m->nq)) {
         ts_say(sim, "the accelerations at the start are not finite numbers");
         status = TS_NOT_FINITE;
     }
@@ -152,21 +153,21 @@ static void backup(ts_sim *sim, ts_memory *memory)
 {
     size_t S = (size_t)sim->m.count[TS_S];
     *memory = sim->memory;
-    memcpy(sim->backup, sim->y, sizeof(double) * (size_t)sim->m.ny);
-    memcpy(sim->backup_ints, sim->piece, sizeof(int32_t) * S);
-    memcpy(sim->backup_ints + S, sim->clipped, sizeof(int32_t) * S);
-    if (memory->span.h > 0.0) memcpy(sim->ahead_backup, sim->ahead, sizeof(double) * sim->ahead_size);
+    memcpy(sim->undo.reals, sim->state.y, sizeof(double) * (size_t)sim->m.ny);
+    memcpy(sim->undo.integers, sim->state.piece, sizeof(int32_t) * S);
+    memcpy(sim->undo.integers + S, sim->state.clipped, sizeof(int32_t) * S);
+    if (memory->span.h > 0.0) memcpy(sim->ahead.backup, sim->ahead.all, sizeof(double) * sim->ahead.size);
 }
 
 static void undo(ts_sim *sim, const ts_memory *memory)
 {
     size_t S = (size_t)sim->m.count[TS_S];
     sim->memory = *memory;
-    sim->transition_count = 0;
-    memcpy(sim->y, sim->backup, sizeof(double) * (size_t)sim->m.ny);
-    memcpy(sim->piece, sim->backup_ints, sizeof(int32_t) * S);
-    memcpy(sim->clipped, sim->backup_ints + S, sizeof(int32_t) * S);
-    if (memory->span.h > 0.0) memcpy(sim->ahead, sim->ahead_backup, sizeof(double) * sim->ahead_size);
+    sim->told.count = 0;
+    memcpy(sim->state.y, sim->undo.reals, sizeof(double) * (size_t)sim->m.ny);
+    memcpy(sim->state.piece, sim->undo.integers, sizeof(int32_t) * S);
+    memcpy(sim->state.clipped, sim->undo.integers + S, sizeof(int32_t) * S);
+    if (memory->span.h > 0.0) memcpy(sim->ahead.all, sim->ahead.backup, sizeof(double) * sim->ahead.size);
     ts_swap_applied(sim);
     ts_derive(sim);
     ts_swap_back(sim);
@@ -175,7 +176,7 @@ static void undo(ts_sim *sim, const ts_memory *memory)
 /* Do inputs move on that say where something is at the step's start? */
 static int inputs_move(const ts_sim *sim)
 {
-    const double *rate = sim->applied + sim->m.at[TS_REST_LENGTH_RATE];
+    const double *rate = sim->io.applied + sim->m.at[TS_REST_LENGTH_RATE];
     for (int i = 0; i < sim->m.count[TS_S]; i++)
         if (rate[i] != 0.0) return 1;
     return ts_inputs_move(sim);
@@ -192,15 +193,15 @@ static int wound_up(ts_sim *sim)
 static void take_inputs(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    double before = sim->values[m->at[TS_POTENTIAL]] + sim->values[m->at[TS_ELASTIC]], moved = 0.0;
+    double before = sim->io.values[m->at[TS_POTENTIAL]] + sim->io.values[m->at[TS_ELASTIC]], moved = 0.0;
     if (m->count[TS_E]) {
-        ts_jump_bases(sim, sim->applied, sim->applied_slopes, sim->memory.last_step);
-        moved = ts_kinetic_energy(sim) - sim->values[m->at[TS_KINETIC]];
+        ts_jump_bases(sim, sim->io.applied, sim->io.applied_slopes, sim->memory.last_step);
+        moved = ts_kinetic_energy(sim) - sim->io.values[m->at[TS_KINETIC]];
     }
     double lost = ts_place_all(sim);
-    sim->y[2 * m->nq] += lost;
-    sim->y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before + moved + lost;
-    sim->y[2 * m->nq + 2] += lost;
+    sim->state.y[2 * m->nq] += lost;
+    sim->state.y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before + moved + lost;
+    sim->state.y[2 * m->nq + 2] += lost;
     ts_close_span(sim);
 }
 
@@ -219,7 +220,7 @@ static int settle(ts_sim *sim, double h, int sloped)
     TS_ASSERT(sim->memory.time >= before && ts_choice_is_possible(sim));
     sim->memory.last_step = h;
     sim->memory.sloped = sloped;
-    ts_rhs(sim, h, sim->y, sim->f0);
+    ts_rhs(sim, h, sim->state.y, sim->start.f);
     ts_outputs(sim, h);
     return ts_check_outputs(sim, "at the end of the step");
 }
@@ -230,10 +231,10 @@ static void recall_outputs(ts_sim *sim)
     ts_memory memory = sim->memory;
     ts_swap_applied(sim);
     ts_derive(sim);
-    ts_rhs(sim, memory.last_step, sim->y, sim->f0);
+    ts_rhs(sim, memory.last_step, sim->state.y, sim->start.f);
     ts_outputs(sim, memory.last_step);
-    memcpy(sim->values, sim->backup, sizeof(double) * (size_t)sim->n_applied);
-    memcpy(sim->slopes, sim->backup + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->n_inputs);
+    memcpy(sim->io.values, sim->undo.reals, sizeof(double) * (size_t)sim->io.n_applied);
+    memcpy(sim->io.slopes, sim->undo.reals + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
     sim->memory = memory; /* work is counted once */
 }
 
@@ -241,8 +242,8 @@ static void recall_outputs(ts_sim *sim)
 static int step_within(ts_sim *sim, double h)
 {
     const ts_memory memory = sim->memory;
-    sim->transition_count = 0;
-    sim->dense_ready = 1; /* since the step was opened */
+    sim->told.count = 0;
+    sim->ahead.ready = 1; /* since the step was opened */
     ts_serve_span(sim, h);
     int status = wound_up(sim), told = status == TS_OK;
     if (told) status = settle(sim, h, 0);
@@ -256,7 +257,7 @@ static int step_within(ts_sim *sim, double h)
 
 int ts_step(ts_sim *sim, double h)
 {
-    size_t bytes = sizeof(double) * (size_t)sim->n_applied;
+    size_t bytes = sizeof(double) * (size_t)sim->io.n_applied;
     ts_memory memory;
     int status = TS_OK;
     if (!sim->memory.started || !(h > 0.0) || !isfinite(h)) {
@@ -264,14 +265,14 @@ int ts_step(ts_sim *sim, double h)
         return TS_BAD_STEP;
     }
     int sloped = ts_sloped(sim);
-    int changed = sloped || sim->memory.sloped || memcmp(sim->values, sim->applied, bytes) || inputs_move(sim) ||
-                  sim->integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
+    int changed = sloped || sim->memory.sloped || memcmp(sim->io.values, sim->io.applied, bytes) || inputs_move(sim) ||
+                  sim->io.integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
     if (!changed && ts_span_serves(sim, h)) return step_within(sim, h);
     backup(sim, &memory);
     ts_prepare(sim);
     if (changed) status = ts_check_change(sim, h);
     if (status == TS_OK) {
-        sim->transition_count = 0;
+        sim->told.count = 0;
         if (changed) take_inputs(sim);
         else ts_set_pieces(sim);
         status = ts_integrate(sim, h, !changed);
@@ -284,7 +285,7 @@ int ts_step(ts_sim *sim, double h)
         if (told) recall_outputs(sim);
         return status;
     }
-    memcpy(sim->applied, sim->values, bytes);
-    memcpy(sim->applied_slopes, sim->slopes, 2 * sizeof(double) * (size_t)sim->n_inputs);
+    memcpy(sim->io.applied, sim->io.values, bytes);
+    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
     return TS_OK;
 }

@@ -192,8 +192,8 @@ static void compile(ts_law *law, program *p, int depth)
 
 static program program_at(const ts_model *m, int32_t first_int, int32_t first_double)
 {
-    return MAKE(program){m->program + first_int, m->program + m->program_ints, m->program_values + first_double,
-                         m->program_values + m->program_doubles};
+    return MAKE(program){m->packed.program + first_int, m->packed.program + m->packed.program_ints,
+                         m->packed.program_values + first_double, m->packed.program_values + m->packed.program_doubles};
 }
 
 /* The law at a place of the programs; law->reason says what is wrong. */
@@ -206,8 +206,8 @@ void ts_law_compile(ts_law *law, const ts_model *m, int32_t first_int, int32_t f
 /* Is the law there a series with memory? */
 int ts_law_has_memory(const ts_model *m, int32_t first_int)
 {
-    if (first_int < 0 || first_int + 2 >= m->program_ints) return 0;
-    return m->program[first_int] == TS_ELEMENT_SERIES && m->program[first_int + 2] == 1;
+    if (first_int < 0 || first_int + 2 >= m->packed.program_ints) return 0;
+    return m->packed.program[first_int] == TS_ELEMENT_SERIES && m->packed.program[first_int + 2] == 1;
 }
 
 /* Its parts; a reason why not, or NULL. */

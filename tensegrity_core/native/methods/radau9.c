@@ -37,7 +37,7 @@ ALWAYS_INLINE void transform(const double M[STAGES][STAGES], const double *in, i
 static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
 {
     int stride = sim->m.stride;
-    const double *c = sim->cont + first;
+    const double *c = sim->ahead.dense + first;
     for (int i = 0; i < count; i++)
         out[i] =
             c[i] + theta * (c[stride + i] +
@@ -53,9 +53,9 @@ static void guess(ts_sim *sim, double h, double *Z)
     for (int s = 0; s < STAGES; s++, Z += stride)
         if (sim->memory.joined > 0.0) {
             interpolate(sim, 1.0 + C[s] * h / sim->memory.joined, 0, 2 * nq, Z);
-            for (int i = 0; i < 2 * nq; i++) Z[i] -= sim->y[i];
+            for (int i = 0; i < 2 * nq; i++) Z[i] -= sim->state.y[i];
         } else {
-            for (int i = 0; i < nq; i++) Z[i] = C[s] * h * sim->y[nq + i];
+            for (int i = 0; i < nq; i++) Z[i] = C[s] * h * sim->state.y[nq + i];
         }
 }
 
@@ -65,9 +65,9 @@ static void residual(ts_sim *sim, double tau, double h, double *Z, const double 
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
     for (int s = 0; s < STAGES; s++) {
         double *z = Z + s * stride;
-        for (int i = 0; i < n; i++) sim->ytmp[i] = sim->y[i] + z[i];
-        ts_rhs(sim, tau + C[s] * h, sim->ytmp, sim->f1);
-        memcpy(z, sim->f1, sizeof(double) * (size_t)n);
+        for (int i = 0; i < n; i++) sim->attempt.y[i] = sim->state.y[i] + z[i];
+        ts_rhs(sim, tau + C[s] * h, sim->attempt.y, sim->ahead.f);
+        memcpy(z, sim->ahead.f, sizeof(double) * (size_t)n);
     }
     transform(TI, Z, stride, n, R);
     for (int i = 0; i < n; i++) R[i] -= GAMMA / h * W[i];
@@ -84,9 +84,9 @@ static void residual(ts_sim *sim, double tau, double h, double *Z, const double 
 static double size_of(const ts_sim *sim, const double *R)
 {
     int stride = sim->m.stride;
-    double a, b, c, d, e = ts_error_norm(sim, R + 4 * stride, sim->y, sim->y);
-    ts_error_norms(sim, R, R + stride, sim->y, sim->y, &a, &b);
-    ts_error_norms(sim, R + 2 * stride, R + 3 * stride, sim->y, sim->y, &c, &d);
+    double a, b, c, d, e = ts_error_norm(sim, R + 4 * stride, sim->state.y, sim->state.y);
+    ts_error_norms(sim, R, R + stride, sim->state.y, sim->state.y, &a, &b);
+    ts_error_norms(sim, R + 2 * stride, R + 3 * stride, sim->state.y, sim->state.y, &c, &d);
     double sum = a + b + c + d + e;
     return sum == sum ? fmax(fmax(fmax(a, b), fmax(c, d)), e) : NAN;
 }
@@ -95,7 +95,7 @@ static double size_of(const ts_sim *sim, const double *R)
 static int iterate(ts_sim *sim, double tau, double h, double *Z, double *W, double *R)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
-    double tolerance = sim->values[sim->m.at[TS_TOLERANCE]], last = 0.0;
+    double tolerance = sim->io.values[sim->m.at[TS_TOLERANCE]], last = 0.0;
     double enough = fmax(10.0 * DBL_EPSILON / tolerance, fmin(0.03, sqrt(tolerance)));
     for (int it = 1; it <= MOST_ITERATIONS; it++) {
         residual(sim, tau, h, Z, W, R);
@@ -118,18 +118,18 @@ static int iterate(ts_sim *sim, double tau, double h, double *Z, double *W, doub
 static double estimate(ts_sim *sim, double h, const double *Z, const double *f)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
-    add_stages(f, E, STAGES, Z, stride, GAMMA / h, n, sim->err);
-    ts_stage_solve(sim, GAMMA / h, sim->err);
-    return ts_error_norm(sim, sim->err, sim->y, sim->y1);
+    add_stages(f, E, STAGES, Z, stride, GAMMA / h, n, sim->attempt.error);
+    ts_stage_solve(sim, GAMMA / h, sim->attempt.error);
+    return ts_error_norm(sim, sim->attempt.error, sim->state.y, sim->ahead.y);
 }
 
 static double attempt(ts_sim *sim, double tau, double h)
 {
     int nq = sim->m.nq, stride = sim->m.stride, n = padded(2 * nq);
-    double *Z = sim->k, *W = Z + STAGES * stride, *R = W + STAGES * stride;
-    if (!sim->jacobian_ready) {
-        ts_rhs_jacobian(sim, tau, sim->y);
-        sim->jacobian_ready = 1;
+    double *Z = sim->attempt.k, *W = Z + STAGES * stride, *R = W + STAGES * stride;
+    if (!sim->linear.ready) {
+        ts_rhs_jacobian(sim, tau, sim->state.y);
+        sim->linear.ready = 1;
     }
     int done = ts_stage_factorise(sim, GAMMA / h);
     for (int k = 0; k < PAIRS && done; k++) done = ts_pair_factorise(sim, k, MU[k][0] / h, -MU[k][1] / h);
@@ -139,32 +139,32 @@ static double attempt(ts_sim *sim, double tau, double h)
     int iterations = iterate(sim, tau, h, Z, W, R);
     sim->memory.choice.taken = FIXED_EFFORT + (1.0 - FIXED_EFFORT) * abs(iterations) / ITERATIONS;
     if (iterations < 0) {
-        sim->shrink = 0.5;
+        sim->attempt.shrink = 0.5;
         return NAN;
     }
-    sim->growth = iterations <= 3 ? 8.0 : iterations == 4 ? 2.0 : 1.0; /* larger steps converge more slowly */
+    sim->attempt.growth = iterations <= 3 ? 8.0 : iterations == 4 ? 2.0 : 1.0; /* larger steps converge more slowly */
     const double *last = Z + (STAGES - 1) * stride;
-    for (int i = 0; i < 2 * nq; i++) sim->y1[i] = sim->y[i] + last[i];
-    double err = estimate(sim, h, Z, sim->f0);
+    for (int i = 0; i < 2 * nq; i++) sim->ahead.y[i] = sim->state.y[i] + last[i];
+    double err = estimate(sim, h, Z, sim->start.f);
     if (err > 1.0 && !(sim->memory.joined > 0.0)) { /* a transient begins: filter once more */
-        for (int i = 0; i < 2 * nq; i++) sim->ytmp[i] = sim->y[i] + sim->err[i];
-        ts_rhs(sim, tau, sim->ytmp, sim->f1);
-        err = estimate(sim, h, Z, sim->f1);
+        for (int i = 0; i < 2 * nq; i++) sim->attempt.y[i] = sim->state.y[i] + sim->attempt.error[i];
+        ts_rhs(sim, tau, sim->attempt.y, sim->ahead.f);
+        err = estimate(sim, h, Z, sim->ahead.f);
     }
     return err;
 }
 
-static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->y1, sim->f1); }
+static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f); }
 
 static void densify(ts_sim *sim, double tau, double h)
 {
     int n = padded(2 * sim->m.nq), stride = sim->m.stride;
     (void)tau;
-    sum_stages(DENSE[0], STAGES, sim->k, stride, 1.0, n, sim->cont + stride);
-    sum_stages(DENSE[1], STAGES, sim->k, stride, 1.0, n, sim->cont + 2 * stride);
-    sum_stages(DENSE[2], STAGES, sim->k, stride, 1.0, n, sim->cont + 3 * stride);
-    sum_stages(DENSE[3], STAGES, sim->k, stride, 1.0, n, sim->cont + 4 * stride);
-    sum_stages(DENSE[4], STAGES, sim->k, stride, 1.0, n, sim->cont + 5 * stride);
+    sum_stages(DENSE[0], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + stride);
+    sum_stages(DENSE[1], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 2 * stride);
+    sum_stages(DENSE[2], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 3 * stride);
+    sum_stages(DENSE[3], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 4 * stride);
+    sum_stages(DENSE[4], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 5 * stride);
     sim->memory.joined = h;
 }
 

@@ -7,35 +7,35 @@
 
 #include "methods/rk4_tableau.h"
 
-#define STAGE(s)                                                       \
-    do {                                                               \
-        add_stages(sim->y, A[s], s, sim->k, stride, h, n, sim->ytmp);  \
-        ts_rhs(sim, tau + C[s] * h, sim->ytmp, sim->k + (s) * stride); \
+#define STAGE(s)                                                                         \
+    do {                                                                                 \
+        add_stages(sim->state.y, A[s], s, sim->attempt.k, stride, h, n, sim->attempt.y); \
+        ts_rhs(sim, tau + C[s] * h, sim->attempt.y, sim->attempt.k + (s) * stride);      \
     } while (0)
 
 static double attempt(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
-    for (int i = 0; i < stride; i++) sim->k[i] = sim->f0[i];
+    for (int i = 0; i < stride; i++) sim->attempt.k[i] = sim->start.f[i];
     STAGE(1);
     STAGE(2);
     STAGE(3);
-    add_stages(sim->y, A[4], 4, sim->k, stride, h, stride, sim->y1);
+    add_stages(sim->state.y, A[4], 4, sim->attempt.k, stride, h, stride, sim->ahead.y);
     return 0.0;
 }
 
-static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->y1, sim->f1); }
+static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f); }
 
 static void densify(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride;
-    double *c = sim->cont;
+    double *c = sim->ahead.dense;
     (void)tau;
     for (int i = 0; i < stride; i++) {
-        double dy = sim->y1[i] - sim->y[i];
+        double dy = sim->ahead.y[i] - sim->state.y[i];
         c[stride + i] = dy;
-        c[2 * stride + i] = h * sim->f0[i] - dy;
-        c[3 * stride + i] = 2.0 * dy - h * (sim->f0[i] + sim->f1[i]);
+        c[2 * stride + i] = h * sim->start.f[i] - dy;
+        c[3 * stride + i] = 2.0 * dy - h * (sim->start.f[i] + sim->ahead.f[i]);
     }
 }
 
@@ -43,7 +43,7 @@ static void interpolate(const ts_sim *sim, double theta, int first, int count, d
 {
     int stride = sim->m.stride;
     double rest = 1.0 - theta;
-    const double *c = sim->cont + first;
+    const double *c = sim->ahead.dense + first;
     for (int i = 0; i < count; i++)
         out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }

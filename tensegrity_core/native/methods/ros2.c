@@ -25,11 +25,12 @@ static int too_stiff(const ts_sim *sim, double h)
     const ts_model *m = &sim->m;
     double limit = RESOLVED * RESOLVED / (h * h);
     for (int i = 0; i < m->count[TS_S]; i++) {
-        const ts_term *t = m->term + 4 * i;
+        const ts_term *t = m->string.term + 4 * i;
         double inverse = 0.0;
-        if (sim->curve[i].piece[sim->piece[i]].kind > TS_STRAIGHT) continue; /* k acts where the law has come to its end */
-        for (int k = 0; k < m->term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inv[t[k].block];
-        if (sim->values[m->at[TS_STIFFNESS] + i] * inverse > limit) return 1;
+        if (sim->laws.curve[i].piece[sim->state.piece[i]].kind > TS_STRAIGHT)
+            continue; /* k acts where the law has come to its end */
+        for (int k = 0; k < m->string.term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inertia.inverse[t[k].block];
+        if (sim->io.values[m->at[TS_STIFFNESS] + i] * inverse > limit) return 1;
     }
     return 0;
 }
@@ -37,28 +38,28 @@ static int too_stiff(const ts_sim *sim, double h)
 static double attempt(ts_sim *sim, double tau, double h)
 {
     int n = padded(2 * sim->m.nq), stride = sim->m.stride, robust = too_stiff(sim, h);
-    double a = 1.0 / (GAMMA[robust] * h), *U = sim->k;
-    ts_damping_jacobian(sim, tau, sim->y);
+    double a = 1.0 / (GAMMA[robust] * h), *U = sim->attempt.k;
+    ts_damping_jacobian(sim, tau, sim->state.y);
     if (!ts_stage_factorise(sim, a)) return NAN;
-    for (int i = 0; i < n; i++) U[i] = sim->f0[i];
+    for (int i = 0; i < n; i++) U[i] = sim->start.f[i];
     ts_stage_solve(sim, a, U);
-    add_stages(sim->y, A[robust], 1, U, stride, 1.0, n, sim->ytmp);
-    ts_project(sim, sim->ytmp); /* else it would see strings longer by the square of the step */
-    ts_rhs(sim, tau + ALPHA * h, sim->ytmp, sim->f1);
-    add_stages(sim->f1, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
+    add_stages(sim->state.y, A[robust], 1, U, stride, 1.0, n, sim->attempt.y);
+    ts_project(sim, sim->attempt.y); /* else it would see strings longer by the square of the step */
+    ts_rhs(sim, tau + ALPHA * h, sim->attempt.y, sim->ahead.f);
+    add_stages(sim->ahead.f, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
     ts_stage_solve(sim, a, U + stride);
-    add_stages(sim->y, M[robust], 2, U, stride, 1.0, n, sim->y1);
+    add_stages(sim->state.y, M[robust], 2, U, stride, 1.0, n, sim->ahead.y);
     return 0.0;
 }
 
-static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->y1, sim->f1); }
+static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f); }
 
 /* Rows: q0, h q0', then what the cubic adds in theta^2 and theta^3. */
 static void densify(ts_sim *sim, double tau, double h)
 {
     int nq = sim->m.nq, stride = sim->m.stride;
-    const double *q0 = sim->y, *v0 = q0 + nq, *q1 = sim->y1, *v1 = q1 + nq;
-    double *c1 = sim->cont + stride, *c2 = c1 + stride, *c3 = c2 + stride;
+    const double *q0 = sim->state.y, *v0 = q0 + nq, *q1 = sim->ahead.y, *v1 = q1 + nq;
+    double *c1 = sim->ahead.dense + stride, *c2 = c1 + stride, *c3 = c2 + stride;
     (void)tau;
     for (int i = 0; i < nq; i++) {
         double dq = q1[i] - q0[i], start = h * v0[i], end = h * v1[i];
@@ -74,7 +75,7 @@ static void densify(ts_sim *sim, double tau, double h)
 static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
 {
     int stride = sim->m.stride;
-    const double *c = sim->cont + first;
+    const double *c = sim->ahead.dense + first;
     for (int i = 0; i < count; i++)
         out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }

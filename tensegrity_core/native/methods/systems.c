@@ -14,18 +14,18 @@
 int ts_stage_factorise(ts_sim *sim, double a)
 {
     sim->memory.stats[TS_FACTORISATIONS]++;
-    return ts_blocks_factorise(&sim->pattern, a, sim->Jq, sim->Jv, sim->factor);
+    return ts_blocks_factorise(&sim->linear.pattern, a, sim->linear.Jq, sim->linear.Jv, sim->linear.factor);
 }
 
 /* The stage's right-hand side (p, s) stands in U; leaves (u, w) there. */
 void ts_stage_solve(ts_sim *sim, double a, double *U)
 {
     int nq = sim->m.nq;
-    double *RESTRICT p = sim->lin, *RESTRICT u = U, *RESTRICT s = U + nq, *RESTRICT Jvp = sim->lin + nq;
+    double *RESTRICT p = sim->linear.work, *RESTRICT u = U, *RESTRICT s = U + nq, *RESTRICT Jvp = sim->linear.work + nq;
     memcpy(p, u, sizeof(double) * (size_t)nq);
-    ts_blocks_multiply(&sim->pattern, sim->Jv, p, Jvp);
+    ts_blocks_multiply(&sim->linear.pattern, sim->linear.Jv, p, Jvp);
     for (int i = 0; i < nq; i++) u[i] = s[i] + (a * p[i] - Jvp[i]);
-    ts_blocks_solve(&sim->pattern, sim->factor, u);
+    ts_blocks_solve(&sim->linear.pattern, sim->linear.factor, u);
     for (int i = 0; i < nq; i++) s[i] = a * u[i] - p[i];
 }
 
@@ -33,24 +33,24 @@ void ts_stage_solve(ts_sim *sim, double a, double *U)
 int ts_pair_factorise(ts_sim *sim, int which, double a, double b)
 {
     sim->memory.stats[TS_FACTORISATIONS]++;
-    return ts_complex_factorise(&sim->pattern, a, b, sim->Jq, sim->Jv, sim->pair_factor[which]);
+    return ts_complex_factorise(&sim->linear.pattern, a, b, sim->linear.Jq, sim->linear.Jv, sim->linear.pair_factor[which]);
 }
 
 void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, double *Ui)
 {
     int nq = sim->m.nq;
-    double *RESTRICT pr = sim->lin, *RESTRICT pi = pr + nq, *RESTRICT Jr = pi + nq, *RESTRICT Ji = Jr + nq,
+    double *RESTRICT pr = sim->linear.work, *RESTRICT pi = pr + nq, *RESTRICT Jr = pi + nq, *RESTRICT Ji = Jr + nq,
                      *RESTRICT u = Ji + nq;
     double *RESTRICT sr = Ur + nq, *RESTRICT si = Ui + nq;
     memcpy(pr, Ur, sizeof(double) * (size_t)nq);
     memcpy(pi, Ui, sizeof(double) * (size_t)nq);
-    ts_blocks_multiply(&sim->pattern, sim->Jv, pr, Jr);
-    ts_blocks_multiply(&sim->pattern, sim->Jv, pi, Ji);
+    ts_blocks_multiply(&sim->linear.pattern, sim->linear.Jv, pr, Jr);
+    ts_blocks_multiply(&sim->linear.pattern, sim->linear.Jv, pi, Ji);
     for (int i = 0; i < nq; i++) {
         u[2 * i] = sr[i] + (a * pr[i] - b * pi[i]) - Jr[i];
         u[2 * i + 1] = si[i] + (a * pi[i] + b * pr[i]) - Ji[i];
     }
-    ts_complex_solve(&sim->pattern, sim->pair_factor[which], u);
+    ts_complex_solve(&sim->linear.pattern, sim->linear.pair_factor[which], u);
     for (int i = 0; i < nq; i++) {
         Ur[i] = u[2 * i];
         Ui[i] = u[2 * i + 1];

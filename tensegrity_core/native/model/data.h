@@ -66,90 +66,171 @@ typedef struct {
     int64_t stats[TS_STATS];
 } ts_memory;
 
-struct ts_sim {
-    ts_model m;
-    ts_curve *curve;      /* (S); derived from the parameters, see curves.c; equal ones share their table */
-    int32_t *curve_owner; /* (S) 1: the table is this string's */
-    int32_t curves_ready;
-    double *curve_key; /* (2, 3 Z + S) parameters the curves were built from, and room for others */
+/* What follows is grouped by who fills it.  Counts in brackets are those of fields.h, and of ts_model. */
+
+/* The strings' laws: ts_curves_build(), ts_dampers_build(). */
+typedef struct {
+    ts_curve *curve;   /* (S); derived from the parameters; equal ones share their table */
+    int32_t *owner;    /* (S) 1: the table is this string's */
+    double *key;       /* (2, 3 Z + S) parameters the curves were built from, and room for others */
     ts_curve *damping; /* (S) damping laws as functions of |rate| */
+    int32_t ready;     /* the curves are those of the key */
+} ts_laws;
 
-    /* saved */
-    ts_memory memory;
-    double *values;         /* (n_real) */
+/* What the caller writes and reads: inputs, parameters, outputs (saved). */
+typedef struct {
+    double *values;         /* (n_real) in the units of fields.h */
     double *applied;        /* (n_applied) inputs and parameters as the last step saw them */
-    double *slopes;         /* (2, n_inputs) first and second derivatives of the inputs, see ts_slopes() */
+    double *slopes;         /* (2, n_inputs) first and second derivatives of the inputs by time, see ts_slopes() */
     double *applied_slopes; /* (2, n_inputs) as the last step saw them */
-    double *y;              /* (ny) */
     int32_t *integers;      /* (n_int) */
-    int32_t *piece;         /* (S) */
-    int32_t *clipped;       /* (S) tension_only: the damper outweighs the spring, no tension */
     int32_t n_applied, n_inputs;
+} ts_io;
 
-    /* of the present step */
-    double *Qf;         /* (nq) generalised external force, N */
-    double *Qg;         /* (nq) the same with gravity, N */
-    double *inv;        /* (blocks) inverse inertia, 1/kg */
-    double *laden;      /* (blocks) mass that gravity acts on there, kg; zero at vectors of free bars */
-    double *extra_mass; /* (N) point masses, kg */
-    double g[3];        /* acceleration by gravity, m/s2 */
-    double *base;       /* (E, 5, D) position of a moved node and its first four derivatives at the step's start */
-    double *base_now;   /* (E, 3, D) position, velocity, acceleration at the evaluation at hand */
-    double *lo, *hi;    /* (S) ends of the present piece, m */
-    int32_t *taut;      /* (S) the present piece is none of the slack ones */
-    double *guard;      /* (S) elongation beyond an end that counts as crossed, m */
-    double *rest, *rest_rate, *rest_bend, *rest_jerk; /* (lanes) m, m/s, m/s2, m/s3, at the step's start */
-    double *rest_now, *rest_rate_now;                 /* (lanes) at the evaluation at hand, where rest lengths bend */
-    double *Qf_rate, *Qf_bend;                        /* (nq) first and second derivative of Qf, N/s, N/s2 */
-    double *k_on, *d_on; /* (lanes) N/m, N s/m on the present piece; k_on: of straight force curves */
-    int32_t rest_moves;  /* some rest_rate, rest_bend or rest_jerk is not zero */
-    int32_t rest_bends;  /* some rest_bend or rest_jerk is not zero */
-    int32_t forces_move; /* some force has a derivative, or moves with a node */
-    int32_t unlocated;   /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
+/* The state at the last communication point, or while a call lasts where it has come to (saved): ts_integrate(). */
+typedef struct {
+    double *y;        /* (ny) coordinates, m; their rates, m/s; the ledger, J */
+    int32_t *piece;   /* (S) of the force curve */
+    int32_t *clipped; /* (S) tension_only: the damper outweighs the spring, no tension */
+} ts_motion_state;
 
-    /* of the last right-hand side: what it found about the strings */
-    double *x;                                /* (N, 2, D) node positions and velocities, m, m/s */
-    double *s, *sd;                           /* (D, lanes) string vectors and, behind them, their rates, m, m/s */
-    double *per_length;                       /* (lanes) 1/length, 1/m */
-    double *elongation, *elongation_rate;     /* (lanes) elongation and its rate, m, m/s */
-    double *fs, *fd;                          /* (lanes) elastic and damping tension, N */
-    double *node_force;                       /* (N, D) N */
-    double *elongation_low, *elongation_high; /* (lanes) extremes of the elongation since the attempt began, m */
-    int32_t *sign_changed;                    /* (S) tension_only: a stage saw the tension with the other sign */
+/* Masses and gravity over the present step: ts_weigh(). */
+typedef struct {
+    double *inverse;   /* (blocks) inverse inertia, 1/kg */
+    double *laden;     /* (blocks) mass that gravity acts on there, kg; zero at vectors of free bars */
+    double *extra;     /* (N) point masses, kg */
+    double gravity[3]; /* m/s2 */
+} ts_inertia;
+
+/* External forces over the present step: ts_prepare(). */
+typedef struct {
+    double *Q;            /* (nq) generalised external force at the step's start, N */
+    double *with_gravity; /* (nq) the same with gravity, N */
+    double *rate, *bend;  /* (nq) first and second derivative of Q, N/s, N/s2 */
+    int32_t move;         /* some force has a derivative, or moves with a node */
+} ts_loads;
+
+/* Rest lengths over the present step: ts_prepare(); now, rate_now: every right-hand side, where they bend or are wound. */
+typedef struct {
+    double *length, *rate, *bend, *jerk; /* (lanes) m, m/s, m/s2, m/s3, at the step's start */
+    double *now, *rate_now;              /* (lanes) m, m/s, at the evaluation at hand */
+    int32_t moves;                       /* some rate, bend or jerk is not zero */
+    int32_t bends;                       /* some bend or jerk is not zero */
+} ts_rest;
+
+/* Moved nodes: ts_drive(); now: ts_move_bases() in every right-hand side. */
+typedef struct {
+    double *start; /* (E, 5, D) position and its first four derivatives at the step's start, m, m/s, ... */
+    double *now;   /* (E, 3, D) position, velocity, acceleration, m, m/s, m/s2 */
+} ts_bases;
+
+/* What strings bear on the pieces that they are on: ts_place(), ts_bear(). */
+typedef struct {
+    double *lo, *hi; /* (S) ends of the piece, m */
+    double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
+    double *k, *d;   /* (lanes) N/m, N s/m; k: of straight force curves */
+    int32_t *taut;   /* (S) the piece is none of the slack ones */
+} ts_bearing;
+
+/* What the last right-hand side, or ts_forces(), found about the strings. */
+typedef struct {
+    double *x;                        /* (N, 2, D) node positions and velocities, m, m/s */
+    double *s, *sd;                   /* (D, lanes) string vectors and, behind them, their rates, m, m/s */
+    double *per_length;               /* (lanes) 1/length, 1/m */
+    double *elongation, *rate;        /* (lanes) m, and its rate, m/s */
+    double *fs, *fd;                  /* (lanes) elastic and damping tension, N */
+    double *node_force;               /* (N, D) N */
+    double *lowest, *highest;         /* (lanes) extremes of the elongation since the attempt began, m */
+    int32_t *sign_changed;            /* (S) tension_only: a stage saw the tension with the other sign */
     double *margin_low, *margin_high; /* (S) tension_only: extremes of the tension at the stages, minus it where clipped, N */
+} ts_strings;
 
-    /* workspace */
-    double *elongation0, *rate0; /* (S) at the start of a step */
-    double *f0, *ytmp, *err;     /* (stride) */
-    double *k;                   /* (16, stride) stages */
-    double *ahead;               /* what an open step needs, in one piece: */
-    double *cont;                /*   (8, stride) dense output; row 0: the state at the step's start */
-    double *y1, *f1;             /*   (stride) its end, and the derivative there */
-    double *elongation1, *rate1; /*   (lanes) */
-    double *ahead_backup;
-    size_t ahead_size;      /* numbers */
+/* Where the present step starts: steps/integrate.c. */
+typedef struct {
+    double *elongation, *rate; /* (S) m, m/s */
+    double *f;                 /* (stride) derivative of the state */
+} ts_step_start;
+
+/* What an open step needs, in one piece (saved): a method's attempt(), accept(), densify(). */
+typedef struct {
+    double *all;               /* (size) of which the others are parts: */
+    double *dense;             /*   (8, stride) dense output; row 0: the state at the step's start */
+    double *y, *f;             /*   (stride) its end, and the derivative there */
+    double *elongation, *rate; /*   (lanes) m, m/s, at its end */
+    double *backup;            /* (size) */
+    size_t size;               /* numbers */
+    int32_t ready;             /* densify() has been called for the step at hand */
+} ts_step_ahead;
+
+/* A method's workspace and advice: attempt(). */
+typedef struct {
+    double *k;             /* (16, stride) stages */
+    double *y, *error;     /* (stride) argument of a stage; error of the step */
+    double shrink, growth; /* factor of the step if it failed, largest factor if it did not */
+} ts_attempt;
+
+/* Jacobian and factors: ts_rhs_jacobian(), methods/systems.c. */
+typedef struct {
     ts_pattern pattern;     /* of the Jacobian's blocks */
-    double *Jq, *Jv;        /* (pattern.blocks, D, D) */
+    double *Jq, *Jv;        /* (pattern.count, D, D) derivatives of the accelerations by positions, 1/s2, and velocities, 1/s */
+    double *ft;             /* (nq) and by time, m/s3 */
     double *factor;         /* of a^2 I - a Jv - Jq */
     double *pair_factor[2]; /* of the same with the two complex values of a that Radau IIA needs */
-    double *ft, *lin;       /* (nq), (6 nq) */
-    double *backup;         /* (n_real + n_applied + 2 n_inputs + ny), see simulation.c */
-    int32_t *backup_ints;   /* (n_int + 2 S) */
-    double most;            /* s, largest step that the parameters allow */
-    double call;            /* s, length of the present call */
-    int32_t may_run_ahead;  /* inputs stay */
-    double shrink, growth;  /* what an attempt advises: factor of the step if it failed, largest factor if it did not */
-    int32_t force_jumps;    /* the last transition made a force jump */
-    int32_t dense_ready;    /* densify() has been called for the step at hand */
-    int32_t jacobian_ready; /* the Jacobian at hand is that of the step's start */
-    ts_transition *transitions;
-    int64_t transition_count;
-    int64_t looks; /* at one string on the dense output, since ts_create() */
+    double *work;           /* (6 nq) */
+    int32_t ready;          /* the Jacobian at hand is that of the step's start */
+} ts_linear;
+
+/* The present call: ts_integrate(). */
+typedef struct {
+    double most;           /* s, largest step that the parameters allow */
+    double length;         /* s */
+    int64_t looks;         /* at one string on the dense output, since ts_create() */
+    int32_t may_run_ahead; /* inputs stay */
+    int32_t force_jumps;   /* the last transition made a force jump */
+    int32_t unlocated;     /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
+} ts_call;
+
+/* What is told of the last call: steps/events.c, interface/message.c. */
+typedef struct {
+    ts_transition *transitions; /* (TS_MAX_TRANSITIONS) */
+    int64_t count;              /* of all transitions, stored or not */
     char message[256];
-    size_t bytes;     /* of the allocations below; the pattern and the force curves come on top */
-    double *matrices; /* allocation behind Jq, Jv, factor */
-    void *arena;      /* allocation behind everything else */
-    void *blob;
+} ts_told;
+
+/* What a call that fails restores: interface/. */
+typedef struct {
+    double *reals;     /* (n_real + n_applied + 2 n_inputs + ny) */
+    int32_t *integers; /* (n_int + 2 S) */
+} ts_undo;
+
+/* Allocations: ts_model_read(). */
+typedef struct {
+    void *blob;       /* the packed model */
+    double *matrices; /* what `linear` points to */
+    void *arena;      /* everything else but the pattern and the laws */
+    size_t bytes;     /* of all three */
+} ts_owned;
+
+struct ts_sim {
+    ts_model m;
+    ts_laws laws;
+    ts_memory memory;
+    ts_io io;
+    ts_motion_state state;
+    ts_inertia inertia;
+    ts_loads loads;
+    ts_rest rest;
+    ts_bases bases;
+    ts_bearing on;
+    ts_strings strings;
+    ts_step_start start;
+    ts_step_ahead ahead;
+    ts_attempt attempt;
+    ts_linear linear;
+    ts_call call;
+    ts_told told;
+    ts_undo undo;
+    ts_owned owned;
 };
 
 #endif

@@ -25,63 +25,95 @@ typedef struct {
     double lower, upper;          /* of a free bar: the ends are at r - lower b and r + upper b, r being the centre of mass */
 } ts_place_of_bar;
 
+/* What the packed model holds, as it stands there: ts_model_read(). */
 typedef struct {
+    const int32_t *bars, *strings;         /* (B, 2), (S, 2) nodes */
+    const int32_t *fixed;                  /* (N) */
+    const int32_t *beams;                  /* (S) beams of the string's NSH, 0: none */
+    const int32_t *beam_law;               /* (S) 0 single_valued, 1 hysteretic */
+    const int32_t *element, *damper;       /* (S, 2) places of the string's force law and damper in the programs, -1: none */
+    const int32_t *massed, *dragged;       /* (P), (R) nodes with a point mass, with drag */
+    const int32_t *moved, *wound;          /* (E) nodes that are moved, (A) strings with an actuator */
+    const int32_t *program;                /* (program_ints) force laws, see kernel/packing.py */
+    const double *program_values;          /* (program_doubles) */
+    const double *velocity;                /* (N, D) start velocities, m/s */
+    const double *start;                   /* (n_applied) defaults of inputs and parameters */
+    int32_t program_ints, program_doubles; /* sizes */
+    int32_t method;                        /* TS_METHOD_... */
+    uint64_t hash;
+} ts_packed;
+
+/* Bars: lay_out_bars(). */
+typedef struct {
+    int32_t *block;            /* (B) block of b or c */
+    int32_t *centre;           /* (B) block of r, or -1 where pinned */
+    int32_t *base;             /* (B) fixed node of a pinned bar, or -1 */
+    double *length;            /* (B) m */
+    ts_place_of_bar *pinned;   /* (pinned_count) */
+    ts_place_of_bar *floating; /* (floating_count) */
+    int32_t pinned_count, floating_count;
+} ts_bars;
+
+/* Blocks of the generalised coordinates: lay_out_bars(), lay_out_matrices(). */
+typedef struct {
+    int32_t *bar;       /* (blocks) bar; -1: none */
+    int32_t *turns;     /* (blocks) 1: a bar vector of constant length, 0: a centre */
+    double *length;     /* (blocks) length of a bar vector, m */
+    int32_t *own_place; /* (blocks) first entry of the Jacobian's diagonal block */
+} ts_blocks;
+
+/* Nodes: lay_out_bars(); coef: ts_weigh(), too. */
+typedef struct {
+    int32_t *free_index; /* (N) place among the free nodes; -1 - place among the fixed ones */
+    int32_t *block;      /* (N) block of the bar vector, or -1 */
+    int32_t *centre;     /* (N) block of the centre, or -1 */
+    double *coef;        /* (N) 1: tip; -lower, upper: ends of a free bar */
+    double *anchor;      /* (N, D) what the node's position adds to, m */
+    int32_t *lone;       /* (lone_count) free nodes on no bar: point masses; `block` has theirs, which are their positions */
+    int32_t lone_count;
+} ts_nodes;
+
+/* Strings: lay_out_strings(), lay_out_matrices(). */
+typedef struct {
+    int32_t *ends;       /* (lanes, 2) first numbers of a string's nodes in arrays (N, 2, D) */
+    double *s0;          /* (S, D) constant part of the string vector, m */
+    int32_t *term_count; /* (S) */
+    ts_term *term;       /* (S, 4) */
+    int32_t *term_place; /* (S, 4, 4) first entry of the Jacobian's block for each pair of terms */
+    int32_t *beam_first; /* (S) first of the string's beams among the Z */
+    int32_t *curved;     /* (S) 1: its force curve is not that of a spring of its stiffness */
+    int32_t *with_curve,
+        *with_damper; /* (curved_count), (damped_count) strings that are curved, that have a damping law beside d */
+    int32_t curved_count, damped_count;
+} ts_lines;
+
+/* Moved nodes and actuators: lay_out_drives(). */
+typedef struct {
+    int32_t *mover;     /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
+    int32_t *mover_bar; /* (E) bar that is pinned there, -1: none */
+    int32_t *winder;    /* (S) actuator that winds the string, or -1 */
+    int32_t any;        /* there is a point mass, drag, a moved node or an actuator, see drives.c */
+} ts_drives;
+
+typedef struct {
+    /* sizes */
     int32_t count[TS_COUNTS];
     int32_t n_real, n_int;
     int32_t at[TS_FIELD_COUNT]; /* first index of each field in the block of doubles */
     int32_t int_at[TS_INT_FIELD_COUNT];
-    int32_t blocks, nq, ny;               /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
-    int32_t lanes, stride;                /* strings and ny, padded to a multiple of TS_LANES */
-    int32_t pinned_count, floating_count; /* bars of each kind */
-    int32_t lone_count;                   /* free nodes on no bar: point masses by themselves */
-    int32_t z_axis;                       /* local axis that is z, or -1 */
-    int32_t damping_law;                  /* 0 literal, 1 tension_only */
-    uint64_t hash;                        /* of the packed model */
+    int32_t blocks, nq, ny; /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
+    int32_t lanes, stride;  /* strings and ny, padded to a multiple of TS_LANES */
+    /* options */
+    int32_t z_axis;      /* local axis that is z, or -1 */
+    int32_t damping_law; /* TS_LITERAL, TS_TENSION_ONLY */
 
-    const int32_t *bars, *strings;   /* (B, 2), (S, 2) nodes */
-    const int32_t *fixed;            /* (N) */
-    const int32_t *beams;            /* (S) beams of the string's NSH, 0: none */
-    const int32_t *beam_law;         /* (S) 0 single_valued, 1 hysteretic */
-    const int32_t *element, *damper; /* (S, 2) places of the string's force law and damper in the programs, -1: none */
-    const int32_t *massed, *dragged; /* (P), (R) nodes with a point mass, with drag */
-    const int32_t *moved, *wound;    /* (E) nodes that are moved, (A) strings with an actuator */
-    const int32_t *program;          /* (program_ints) force laws, see kernel/packing.py */
-    const double *program_values;    /* (program_doubles) */
-    int32_t program_ints, program_doubles;
-    int32_t *beam_first; /* (S) first of them among the Z */
-    int32_t *ends;       /* (lanes, 2) first numbers of a string's nodes in arrays (N, 2, D) */
-    int32_t curved_count, damped_count;
-    int32_t *curved;           /* (curved_count) strings whose force curve is not that of a spring of their stiffness */
-    int32_t *damped;           /* (damped_count) strings with a damping law beside d */
-    int32_t *law;              /* (S) 1: among the curved */
-    ts_place_of_bar *pinned;   /* (pinned_count) */
-    ts_place_of_bar *floating; /* (floating_count) */
-    int32_t *lone;             /* (lone_count) nodes; node_block has their blocks, which are their positions */
-    int32_t *free_index;       /* (N) place among the free nodes; -1 - place among the fixed ones */
-    int32_t *bar_block;        /* (B) block of b or c */
-    int32_t *bar_centre;       /* (B) block of r, or -1 where pinned */
-    int32_t *bar_base;         /* (B) fixed node of a pinned bar, or -1 */
-    int32_t *block_bar;        /* (blocks) bar; -1: none */
-    int32_t *block_turns;      /* (blocks) 1: a bar vector of constant length, 0: a centre */
-    double *block_length;      /* (blocks) length of a bar vector, m */
-    int32_t *node_block;       /* (N) block of the bar vector, or -1 */
-    int32_t *node_centre;      /* (N) block of the centre, or -1 */
-    double *node_coef;         /* (N) 1: tip; -lower, upper: ends of a free bar */
-    int32_t *mover;            /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
-    int32_t *mover_bar;        /* (E) bar that is pinned there, -1: none */
-    int32_t *winder;           /* (S) actuator that winds the string, or -1 */
-    int32_t driven;            /* there is a point mass, drag, a moved node or an actuator, see drives.c */
-    const double *velocity;    /* (N, D) start velocities, m/s */
-    double *anchor;            /* (N, D) what the node's position adds to, m */
-    double *bar_length;        /* (B) m */
-    int32_t *term_count;       /* (S) */
-    ts_term *term;             /* (S, 4) */
-    int32_t *own_place;        /* (blocks) first entry of the Jacobian's diagonal block */
-    int32_t *term_place;       /* (S, 4, 4) first entry of the Jacobian's block for each pair of terms */
-    double *s0;                /* (S, D) constant part of the string vector, m */
-    const double *start;       /* packed defaults of the doubles, inputs and parameters only */
-    double *y_start;           /* (ny) */
-    int32_t method_start;
+    ts_packed packed;
+    ts_bars bar;
+    ts_blocks block;
+    ts_nodes node;
+    ts_lines string;
+    ts_drives drive;
+    double *y_start; /* (stride) the state at the start, m, m/s, J */
 } ts_model;
 
 #endif

@@ -25,7 +25,7 @@ static int motor_at(const ts_sim *sim, int actuator)
     return (sim->m.blocks - sim->m.count[TS_A] + actuator) * sim->m.count[TS_D];
 }
 
-static double value(const ts_sim *sim, int field, int i) { return sim->values[sim->m.at[field] + i]; }
+static double value(const ts_sim *sim, int field, int i) { return sim->io.values[sim->m.at[field] + i]; }
 
 /* --- point masses and gravity ------------------------------------------------------------------------------------------- */
 
@@ -34,18 +34,18 @@ static void place_ends(ts_model *m, ts_place_of_bar *p, double lower)
 {
     p->lower = lower;
     p->upper = 1.0 - lower;
-    m->node_coef[p->first] = -p->lower;
-    m->node_coef[p->second] = p->upper;
+    m->node.coef[p->first] = -p->lower;
+    m->node.coef[p->second] = p->upper;
 }
 
 static void hang(ts_model *m, int string)
 {
-    ts_term *t = m->term + 4 * string;
+    ts_term *t = m->string.term + 4 * string;
     for (int end = 0; end < 2; end++) {
-        int node = m->strings[2 * string + end];
-        if (m->node_block[node] < 0) continue;
-        if (m->node_centre[node] >= 0) t++;
-        t->kappa = (end ? 1.0 : -1.0) * m->node_coef[node];
+        int node = m->packed.strings[2 * string + end];
+        if (m->node.block[node] < 0) continue;
+        if (m->node.centre[node] >= 0) t++;
+        t->kappa = (end ? 1.0 : -1.0) * m->node.coef[node];
         t++;
     }
 }
@@ -54,29 +54,30 @@ static void hang(ts_model *m, int string)
 void ts_weigh(ts_sim *sim)
 {
     ts_model *m = &sim->m;
-    const double *mass = sim->values + m->at[TS_BAR_MASS], *gravity = sim->values + m->at[TS_GRAVITY];
-    double *extra = sim->extra_mass;
-    for (int d = 0; d < m->count[TS_D]; d++) sim->g[d] = m->count[TS_V] > 1 ? gravity[d] : d == m->z_axis ? -gravity[0] : 0.0;
-    for (int i = 0; i < m->count[TS_P]; i++) extra[m->massed[i]] = value(sim, TS_POINT_MASS, i);
-    for (int i = 0; i < m->pinned_count; i++) {
-        int b = m->pinned[i].block;
-        double bar = mass[m->block_bar[b]], tip = extra[m->pinned[i].second];
-        sim->inv[b] = 3.0 / (bar + 3.0 * tip);
-        sim->laden[b] = 0.5 * bar + tip;
+    const double *mass = sim->io.values + m->at[TS_BAR_MASS], *gravity = sim->io.values + m->at[TS_GRAVITY];
+    double *extra = sim->inertia.extra;
+    for (int d = 0; d < m->count[TS_D]; d++)
+        sim->inertia.gravity[d] = m->count[TS_V] > 1 ? gravity[d] : d == m->z_axis ? -gravity[0] : 0.0;
+    for (int i = 0; i < m->count[TS_P]; i++) extra[m->packed.massed[i]] = value(sim, TS_POINT_MASS, i);
+    for (int i = 0; i < m->bar.pinned_count; i++) {
+        int b = m->bar.pinned[i].block;
+        double bar = mass[m->block.bar[b]], tip = extra[m->bar.pinned[i].second];
+        sim->inertia.inverse[b] = 3.0 / (bar + 3.0 * tip);
+        sim->inertia.laden[b] = 0.5 * bar + tip;
     }
-    for (int i = 0; i < m->floating_count; i++) {
-        ts_place_of_bar *p = m->floating + i;
-        double bar = mass[m->block_bar[p->block]], m1 = extra[p->first], m2 = extra[p->second], all = bar + m1 + m2;
+    for (int i = 0; i < m->bar.floating_count; i++) {
+        ts_place_of_bar *p = m->bar.floating + i;
+        double bar = mass[m->block.bar[p->block]], m1 = extra[p->first], m2 = extra[p->second], all = bar + m1 + m2;
         if (m->count[TS_P]) place_ends(m, p, (0.5 * bar + m2) / all);
         double off = p->lower - 0.5, inertia = bar * off * off + m1 * p->lower * p->lower + m2 * p->upper * p->upper;
-        sim->inv[p->block] = 1.0 / all;
-        sim->laden[p->block] = all;
-        sim->inv[p->block + 1] = 12.0 / (bar + 12.0 * inertia);
+        sim->inertia.inverse[p->block] = 1.0 / all;
+        sim->inertia.laden[p->block] = all;
+        sim->inertia.inverse[p->block + 1] = 12.0 / (bar + 12.0 * inertia);
     }
-    for (int i = 0; i < m->lone_count; i++) {
-        int b = m->node_block[m->lone[i]];
-        sim->inv[b] = 1.0 / extra[m->lone[i]];
-        sim->laden[b] = extra[m->lone[i]];
+    for (int i = 0; i < m->node.lone_count; i++) {
+        int b = m->node.block[m->node.lone[i]];
+        sim->inertia.inverse[b] = 1.0 / extra[m->node.lone[i]];
+        sim->inertia.laden[b] = extra[m->node.lone[i]];
     }
     for (int i = 0; m->count[TS_P] && i < m->count[TS_S]; i++) hang(m, i);
 }
@@ -91,7 +92,7 @@ static void polynomial(const ts_sim *sim, const double *values, const double *sl
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    const double *bends = slopes + sim->n_inputs;
+    const double *bends = slopes + sim->io.n_inputs;
     for (int d = 0; d < D; d++) {
         int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i,
             a = m->at[TS_NODE_ACCELERATION] + i;
@@ -115,7 +116,7 @@ static double derivative(const double *p, int D, int d, int order, double tau)
 void ts_base_at(const ts_sim *sim, double tau, int e, double *x, double *v)
 {
     int D = sim->m.count[TS_D];
-    const double *p = sim->base + DERIVATIVES * e * D;
+    const double *p = sim->bases.start + DERIVATIVES * e * D;
     for (int d = 0; d < D; d++) {
         x[d] = derivative(p, D, d, 0, tau);
         v[d] = derivative(p, D, d, 1, tau);
@@ -127,8 +128,8 @@ void ts_move_bases(ts_sim *sim, double tau)
 {
     int D = sim->m.count[TS_D];
     for (int e = 0; e < sim->m.count[TS_E]; e++) {
-        const double *p = sim->base + DERIVATIVES * e * D;
-        double *now = sim->base_now + 3 * e * D, *x = sim->x + 2 * D * sim->m.moved[e];
+        const double *p = sim->bases.start + DERIVATIVES * e * D;
+        double *now = sim->bases.now + 3 * e * D, *x = sim->strings.x + 2 * D * sim->m.packed.moved[e];
         for (int d = 0; d < D; d++) {
             for (int order = 0; order < 3; order++) now[order * D + d] = derivative(p, D, d, order, tau);
             x[d] = now[d];
@@ -145,15 +146,15 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
     int D = m->count[TS_D];
     for (int e = 0; e < m->count[TS_E]; e++) {
         double before[3 * DERIVATIVES], jump[3], along = 0.0;
-        if (m->mover_bar[e] < 0) continue;
-        int block = m->bar_block[m->mover_bar[e]];
-        const double *c = sim->y + block * D, *now = sim->base + (DERIVATIVES * e + 1) * D;
-        const double *start = m->velocity + m->moved[e] * D;
+        if (m->drive.mover_bar[e] < 0) continue;
+        int block = m->bar.block[m->drive.mover_bar[e]];
+        const double *c = sim->state.y + block * D, *now = sim->bases.start + (DERIVATIVES * e + 1) * D;
+        const double *start = m->packed.velocity + m->packed.moved[e] * D;
         if (values) polynomial(sim, values, slopes, e, before);
         for (int d = 0; d < D; d++) jump[d] = now[d] - (values ? derivative(before, D, d, 1, tau) : start[d]);
-        for (int d = 0; d < D; d++) along += c[d] * jump[d] / (m->block_length[block] * m->block_length[block]);
-        double kappa = sim->laden[block] * sim->inv[block];
-        for (int d = 0; d < D; d++) sim->y[m->nq + block * D + d] -= kappa * (jump[d] - along * c[d]);
+        for (int d = 0; d < D; d++) along += c[d] * jump[d] / (m->block.length[block] * m->block.length[block]);
+        double kappa = sim->inertia.laden[block] * sim->inertia.inverse[block];
+        for (int d = 0; d < D; d++) sim->state.y[m->nq + block * D + d] -= kappa * (jump[d] - along * c[d]);
     }
 }
 
@@ -162,7 +163,7 @@ int ts_inputs_move(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     for (int i = m->at[TS_NODE_VELOCITY]; i < m->at[TS_NODE_ACCELERATION + 1]; i++)
-        if (sim->applied[i] != 0.0) return 1;
+        if (sim->io.applied[i] != 0.0) return 1;
     return 0;
 }
 
@@ -172,9 +173,9 @@ void ts_carry(const ts_sim *sim, double *Q)
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
     for (int e = 0; e < m->count[TS_E]; e++) {
-        if (m->mover_bar[e] < 0) continue;
-        int block = m->bar_block[m->mover_bar[e]];
-        for (int d = 0; d < D; d++) Q[block * D + d] -= sim->laden[block] * sim->base_now[(3 * e + 2) * D + d];
+        if (m->drive.mover_bar[e] < 0) continue;
+        int block = m->bar.block[m->drive.mover_bar[e]];
+        for (int d = 0; d < D; d++) Q[block * D + d] -= sim->inertia.laden[block] * sim->bases.now[(3 * e + 2) * D + d];
     }
 }
 
@@ -182,14 +183,16 @@ void ts_carry(const ts_sim *sim, double *Q)
 static double pull_of_mover(const ts_sim *sim, double tau, const double *a, int e, int d)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D], node = m->moved[e], bar = m->mover_bar[e];
-    double at_base = sim->base_now[(3 * e + 2) * D + d] - sim->g[d]; /* what a mass there needs */
-    double force = sim->extra_mass[node] * at_base - sim->node_force[node * D + d];
+    int D = m->count[TS_D], node = m->packed.moved[e], bar = m->drive.mover_bar[e];
+    double at_base = sim->bases.now[(3 * e + 2) * D + d] - sim->inertia.gravity[d]; /* what a mass there needs */
+    double force = sim->inertia.extra[node] * at_base - sim->strings.node_force[node * D + d];
     if (bar < 0) return force;
-    int block = m->bar_block[bar], i = block * D + d, tip = m->bars[2 * bar] == node ? m->bars[2 * bar + 1] : m->bars[2 * bar];
-    double on_tip = sim->Qf[i] + (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau + sim->node_force[tip * D + d];
-    double mass = value(sim, TS_BAR_MASS, bar) + sim->extra_mass[tip];
-    return force + mass * at_base + sim->laden[block] * a[i] - on_tip;
+    int block = m->bar.block[bar], i = block * D + d,
+        tip = m->packed.bars[2 * bar] == node ? m->packed.bars[2 * bar + 1] : m->packed.bars[2 * bar];
+    double on_tip =
+        sim->loads.Q[i] + (sim->loads.rate[i] + 0.5 * sim->loads.bend[i] * tau) * tau + sim->strings.node_force[tip * D + d];
+    double mass = value(sim, TS_BAR_MASS, bar) + sim->inertia.extra[tip];
+    return force + mass * at_base + sim->inertia.laden[block] * a[i] - on_tip;
 }
 
 /* --- drag --------------------------------------------------------------------------------------------------------------- */
@@ -199,24 +202,24 @@ void ts_drag(ts_sim *sim, double *force)
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
     for (int r = 0; r < m->count[TS_R]; r++) {
-        int node = m->dragged[r];
+        int node = m->packed.dragged[r];
         double c = value(sim, TS_DRAG, r);
-        for (int d = 0; d < D; d++) force[node * D + d] -= c * sim->x[(2 * node + 1) * D + d];
+        for (int d = 0; d < D; d++) force[node * D + d] -= c * sim->strings.x[(2 * node + 1) * D + d];
     }
 }
 
 /* --- actuators ---------------------------------------------------------------------------------------------------------- */
 
 /* Length that has been wound in (m), or with y behind the positions its rate (m/s). */
-double ts_wound(const ts_sim *sim, const double *y, int string) { return y[motor_at(sim, sim->m.winder[string])]; }
+double ts_wound(const ts_sim *sim, const double *y, int string) { return y[motor_at(sim, sim->m.drive.winder[string])]; }
 
 /* Rest lengths and rates of strings that are wound, in rest_now and rest_rate_now. */
 void ts_wind(ts_sim *sim, const double *y)
 {
     for (int a = 0; a < sim->m.count[TS_A]; a++) {
-        int i = sim->m.wound[a];
-        sim->rest_now[i] -= ts_wound(sim, y, i);
-        sim->rest_rate_now[i] -= ts_wound(sim, y + sim->m.nq, i);
+        int i = sim->m.packed.wound[a];
+        sim->rest.now[i] -= ts_wound(sim, y, i);
+        sim->rest.rate_now[i] -= ts_wound(sim, y + sim->m.nq, i);
     }
 }
 
@@ -224,8 +227,8 @@ void ts_wind(ts_sim *sim, const double *y)
 int ts_wound_up(const ts_sim *sim)
 {
     for (int a = 0; a < sim->m.count[TS_A]; a++) {
-        int i = sim->m.wound[a];
-        if (sim->rest[i] - ts_wound(sim, sim->y, i) < -1e-12 * sim->rest[i]) return 1;
+        int i = sim->m.packed.wound[a];
+        if (sim->rest.length[i] - ts_wound(sim, sim->state.y, i) < -1e-12 * sim->rest.length[i]) return 1;
     }
     return 0;
 }
@@ -237,9 +240,9 @@ typedef struct {
 /* An input with its derivatives, and its rate. */
 static double held(const ts_sim *sim, int at, double tau, double *rate)
 {
-    double bend = sim->slopes[sim->n_inputs + at];
-    *rate = sim->slopes[at] + bend * tau;
-    return sim->values[at] + (sim->slopes[at] + 0.5 * bend * tau) * tau;
+    double bend = sim->io.slopes[sim->io.n_inputs + at];
+    *rate = sim->io.slopes[at] + bend * tau;
+    return sim->io.values[at] + (sim->io.slopes[at] + 0.5 * bend * tau) * tau;
 }
 
 static motor motor_of(const ts_sim *sim, double tau, int a, double *push_rate)
@@ -255,11 +258,11 @@ static motor motor_of(const ts_sim *sim, double tau, int a, double *push_rate)
 void ts_motors(const ts_sim *sim, double tau, const double *v, double *Q)
 {
     for (int a = 0; a < sim->m.count[TS_A]; a++) {
-        int at = motor_at(sim, a), i = sim->m.wound[a];
+        int at = motor_at(sim, a), i = sim->m.packed.wound[a];
         double rate;
         motor drive = motor_of(sim, tau, a, &rate);
         for (int d = 0; d < sim->m.count[TS_D]; d++) Q[at + d] = 0.0;
-        Q[at] = drive.push - (sim->fs[i] + sim->fd[i]) - drive.loss * v[at];
+        Q[at] = drive.push - (sim->strings.fs[i] + sim->strings.fd[i]) - drive.loss * v[at];
     }
 }
 
@@ -270,11 +273,11 @@ void ts_drive(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     for (int e = 0; e < m->count[TS_E]; e++)
-        polynomial(sim, sim->values, sim->slopes, e, sim->base + DERIVATIVES * e * m->count[TS_D]);
+        polynomial(sim, sim->io.values, sim->io.slopes, e, sim->bases.start + DERIVATIVES * e * m->count[TS_D]);
     ts_move_bases(sim, 0.0);
     for (int a = 0; a < m->count[TS_A]; a++) {
         double r = value(sim, TS_DRUM_RADIUS, a);
-        sim->inv[m->blocks - m->count[TS_A] + a] = r * r / value(sim, TS_MOTOR_INERTIA, a);
+        sim->inertia.inverse[m->blocks - m->count[TS_A] + a] = r * r / value(sim, TS_MOTOR_INERTIA, a);
     }
 }
 
@@ -290,24 +293,24 @@ void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
     for (int r = 0; r < m->count[TS_R]; r++) {
-        const double *speed = sim->x + (2 * m->dragged[r] + 1) * D;
+        const double *speed = sim->strings.x + (2 * m->packed.dragged[r] + 1) * D;
         double power = value(sim, TS_DRAG, r) * dot(speed, speed, D);
         p[0] += power;
         p[2] += power;
     }
     for (int e = 0; e < m->count[TS_E]; e++) {
         double power = 0.0;
-        for (int d = 0; d < D; d++) power += pull_of_mover(sim, tau, a, e, d) * sim->base_now[(3 * e + 1) * D + d];
+        for (int d = 0; d < D; d++) power += pull_of_mover(sim, tau, a, e, d) * sim->bases.now[(3 * e + 1) * D + d];
         put_in(p, power);
     }
     for (int k = 0; k < m->count[TS_A]; k++) {
-        int i = m->wound[k];
-        double rate, speed = v[motor_at(sim, k)], taken = -(sim->fs[i] + sim->fd[i]) * sim->rest_rate_now[i];
+        int i = m->packed.wound[k];
+        double rate, speed = v[motor_at(sim, k)], taken = -(sim->strings.fs[i] + sim->strings.fd[i]) * sim->rest.rate_now[i];
         motor drive = motor_of(sim, tau, k, &rate);
         put_in(p, drive.push * speed);
         p[0] += drive.loss * speed * speed;
         p[2] += drive.loss * speed * speed;
-        if (!sim->rest_moves) continue; /* else the strings' loop has booked what the motor gives the string */
+        if (!sim->rest.moves) continue; /* else the strings' loop has booked what the motor gives the string */
         p[1] -= taken;
         p[2] -= fabs(taken);
     }
@@ -316,22 +319,23 @@ void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double
 /* Entry (0, 0) of the Jacobian's block (row, column). */
 static int place(const ts_sim *sim, int row, int column)
 {
-    return sim->m.count[TS_D] * sim->m.count[TS_D] * ts_pattern_find(&sim->pattern, row, column);
+    return sim->m.count[TS_D] * sim->m.count[TS_D] * ts_pattern_find(&sim->linear.pattern, row, column);
 }
 
 static void drag_jacobian(ts_sim *sim, int r)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D], node = m->dragged[r], mover = m->mover[node], count = 0;
+    int D = m->count[TS_D], node = m->packed.dragged[r], mover = m->drive.mover[node], count = 0;
     double c = value(sim, TS_DRAG, r), coef[2];
     int block[2];
-    if (m->node_centre[node] >= 0) block[count] = m->node_centre[node], coef[count++] = 1.0;
-    block[count] = m->node_block[node], coef[count++] = m->node_coef[node];
+    if (m->node.centre[node] >= 0) block[count] = m->node.centre[node], coef[count++] = 1.0;
+    block[count] = m->node.block[node], coef[count++] = m->node.coef[node];
     for (int i = 0; i < count; i++) {
-        double w = -c * coef[i] * sim->inv[block[i]];
-        for (int d = 0; d < D && mover >= 0; d++) sim->ft[block[i] * D + d] += w * sim->base_now[(3 * mover + 2) * D + d];
+        double w = -c * coef[i] * sim->inertia.inverse[block[i]];
+        for (int d = 0; d < D && mover >= 0; d++)
+            sim->linear.ft[block[i] * D + d] += w * sim->bases.now[(3 * mover + 2) * D + d];
         for (int j = 0; j < count; j++) {
-            double *A = sim->Jv + place(sim, block[i], block[j]);
+            double *A = sim->linear.Jv + place(sim, block[i], block[j]);
             for (int d = 0; d < D; d++) A[d * D + d] += w * coef[j];
         }
     }
@@ -344,15 +348,16 @@ void ts_drive_jacobian(ts_sim *sim, double tau)
     int D = m->count[TS_D];
     for (int r = 0; r < m->count[TS_R]; r++) drag_jacobian(sim, r);
     for (int e = 0; e < m->count[TS_E]; e++) {
-        if (m->mover_bar[e] < 0) continue;
-        int block = m->bar_block[m->mover_bar[e]];
-        double w = -sim->laden[block] * sim->inv[block];
-        for (int d = 0; d < D; d++) sim->ft[block * D + d] += w * derivative(sim->base + DERIVATIVES * e * D, D, d, 3, tau);
+        if (m->drive.mover_bar[e] < 0) continue;
+        int block = m->bar.block[m->drive.mover_bar[e]];
+        double w = -sim->inertia.laden[block] * sim->inertia.inverse[block];
+        for (int d = 0; d < D; d++)
+            sim->linear.ft[block * D + d] += w * derivative(sim->bases.start + DERIVATIVES * e * D, D, d, 3, tau);
     }
     for (int a = 0; a < m->count[TS_A]; a++) {
         int at = motor_at(sim, a), block = at / D;
         double rate, loss = motor_of(sim, tau, a, &rate).loss;
-        sim->Jv[m->own_place[block]] -= sim->inv[block] * loss;
-        sim->ft[at] += sim->inv[block] * rate;
+        sim->linear.Jv[m->block.own_place[block]] -= sim->inertia.inverse[block] * loss;
+        sim->linear.ft[at] += sim->inertia.inverse[block] * rate;
     }
 }

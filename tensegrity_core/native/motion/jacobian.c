@@ -22,20 +22,21 @@ ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, cons
                                       const int D)
 {
     int lanes = sim->m.lanes;
-    double over = sim->per_length[i], damping = sim->d_on[i], slope = sim->k_on[i], u[3], ud[3];
-    double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
-    if (sim->m.law[i]) ts_curve_force(sim->curve + i, sim->piece[i], sim->elongation[i], k, &slope);
-    if (sim->m.damped_count) {
+    double over = sim->strings.per_length[i], damping = sim->on.d[i], slope = sim->on.k[i], u[3], ud[3];
+    double k = sim->io.values[sim->m.at[TS_STIFFNESS] + i];
+    if (sim->m.string.curved[i])
+        ts_curve_force(sim->laws.curve + i, sim->state.piece[i], sim->strings.elongation[i], k, &slope);
+    if (sim->m.string.damped_count) {
         double by_rate;
-        ts_damping_law(sim, i, sim->elongation_rate[i], &by_rate);
+        ts_damping_law(sim, i, sim->strings.rate[i], &by_rate);
         damping += exact || by_rate > 0.0 ? by_rate : 0.0;
     }
-    double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest_bend[i] + sim->rest_jerk[i] * tau;
-    double rate = sim->elongation_rate[i] + (sim->m.winder[i] >= 0 ? sim->rest_rate_now[i] : rest_rate);
-    double density = (sim->fs[i] + sim->fd[i]) * over;
+    double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest.bend[i] + sim->rest.jerk[i] * tau;
+    double rate = sim->strings.rate[i] + (sim->m.drive.winder[i] >= 0 ? sim->rest.rate_now[i] : rest_rate);
+    double density = (sim->strings.fs[i] + sim->strings.fd[i]) * over;
     for (int d = 0; d < D; d++) {
-        u[d] = sim->s[d * lanes + i] * over;
-        ud[d] = damping * over * (sim->sd[d * lanes + i] - rate * u[d]);
+        u[d] = sim->strings.s[d * lanes + i] * over;
+        ud[d] = damping * over * (sim->strings.sd[d * lanes + i] - rate * u[d]);
         ft[d] = -(slope * rest_rate + damping * rest_bend) * u[d];
     }
     if (!exact) {
@@ -55,9 +56,9 @@ ALWAYS_INLINE void moved_ends(const ts_sim *sim, int i, const double *Kq, const 
 {
     const ts_model *m = &sim->m;
     for (int end = 0; end < 2; end++) {
-        int mover = m->mover[m->strings[2 * i + end]];
+        int mover = m->drive.mover[m->packed.strings[2 * i + end]];
         if (mover < 0) continue;
-        const double *v = sim->base_now + (3 * mover + 1) * D, *a = v + D;
+        const double *v = sim->bases.now + (3 * mover + 1) * D, *a = v + D;
         double sign = end ? 1.0 : -1.0;
         for (int r = 0; r < D; r++) ft[r] += sign * (dot(Kq + r * D, v, D) + dot(Kv + r * D, a, D));
     }
@@ -67,28 +68,28 @@ ALWAYS_INLINE void moved_ends(const ts_sim *sim, int i, const double *Kq, const 
 static void wind(ts_sim *sim, int i, double slope, const double *Kq, const double *Kv, const double *ft)
 {
     const ts_model *m = &sim->m;
-    const ts_term *t = m->term + 4 * i;
-    int D = m->count[TS_D], lanes = m->lanes, motor = m->blocks - m->count[TS_A] + m->winder[i];
-    double u[3], inv = sim->inv[motor], damping = 0.0;
-    for (int d = 0; d < D; d++) u[d] = sim->s[d * lanes + i] * sim->per_length[i];
+    const ts_term *t = m->string.term + 4 * i;
+    int D = m->count[TS_D], lanes = m->lanes, motor = m->blocks - m->count[TS_A] + m->drive.winder[i];
+    double u[3], inv = sim->inertia.inverse[motor], damping = 0.0;
+    for (int d = 0; d < D; d++) u[d] = sim->strings.s[d * lanes + i] * sim->strings.per_length[i];
     for (int r = 0; r < D; r++) {
-        sim->ft[motor * D] -= inv * u[r] * ft[r];
+        sim->linear.ft[motor * D] -= inv * u[r] * ft[r];
         for (int c = 0; c < D; c++) damping += u[r] * Kv[r * D + c] * u[c];
     }
-    sim->Jq[m->own_place[motor]] -= inv * slope;
-    sim->Jv[m->own_place[motor]] -= inv * damping;
-    for (int k = 0; k < m->term_count[i]; k++) {
-        int row = D * D * ts_pattern_find(&sim->pattern, motor, t[k].block),
-            column = D * D * ts_pattern_find(&sim->pattern, t[k].block, motor);
+    sim->linear.Jq[m->block.own_place[motor]] -= inv * slope;
+    sim->linear.Jv[m->block.own_place[motor]] -= inv * damping;
+    for (int k = 0; k < m->string.term_count[i]; k++) {
+        int row = D * D * ts_pattern_find(&sim->linear.pattern, motor, t[k].block),
+            column = D * D * ts_pattern_find(&sim->linear.pattern, t[k].block, motor);
         TS_ASSERT(row >= 0 && column >= 0);
-        double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inv[t[k].block];
+        double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inertia.inverse[t[k].block];
         for (int d = 0; d < D; d++) {
             double alongq = 0.0, alongv = 0.0;
             for (int r = 0; r < D; r++) alongq += u[r] * Kq[r * D + d], alongv += u[r] * Kv[r * D + d];
-            sim->Jq[row + d] += w * alongq;
-            sim->Jv[row + d] += w * alongv;
-            sim->Jq[column + d * D] += back * slope * u[d];
-            sim->Jv[column + d * D] += back * damping * u[d];
+            sim->linear.Jq[row + d] += w * alongq;
+            sim->linear.Jv[row + d] += w * alongv;
+            sim->linear.Jq[column + d * D] += back * slope * u[d];
+            sim->linear.Jv[column + d * D] += back * damping * u[d];
         }
     }
 }
@@ -97,18 +98,18 @@ ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const i
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->count[TS_S]; i++) {
-        if (!sim->taut[i] || sim->clipped[i]) continue;
+        if (!sim->on.taut[i] || sim->state.clipped[i]) continue;
         double Kq[9], Kv[9], ft[3];
         double slope = string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
         if (m->count[TS_E]) moved_ends(sim, i, Kq, Kv, ft, D);
-        if (m->winder[i] >= 0) wind(sim, i, slope, Kq, Kv, ft);
-        const ts_term *t = m->term + 4 * i;
-        const int32_t *place = m->term_place + 16 * i;
-        for (int a = 0; a < m->term_count[i]; a++) {
-            double wa = -t[a].kappa * sim->inv[t[a].block];
-            for (int d = 0; d < D; d++) sim->ft[t[a].offset + d] += wa * ft[d];
-            for (int b = 0; b < m->term_count[i]; b++) {
-                double w = wa * t[b].kappa, *Aq = sim->Jq + place[4 * a + b], *Av = sim->Jv + place[4 * a + b];
+        if (m->drive.winder[i] >= 0) wind(sim, i, slope, Kq, Kv, ft);
+        const ts_term *t = m->string.term + 4 * i;
+        const int32_t *place = m->string.term_place + 16 * i;
+        for (int a = 0; a < m->string.term_count[i]; a++) {
+            double wa = -t[a].kappa * sim->inertia.inverse[t[a].block];
+            for (int d = 0; d < D; d++) sim->linear.ft[t[a].offset + d] += wa * ft[d];
+            for (int b = 0; b < m->string.term_count[i]; b++) {
+                double w = wa * t[b].kappa, *Aq = sim->linear.Jq + place[4 * a + b], *Av = sim->linear.Jv + place[4 * a + b];
                 for (int e = 0; e < D * D; e++) {
                     Aq[e] += w * Kq[e];
                     Av[e] += w * Kv[e];
@@ -141,15 +142,16 @@ ALWAYS_INLINE void project_columns(double *A, const double *c, double over, cons
 ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, const double *Q, int b, const int exact,
                              const int D)
 {
-    const ts_pattern *p = &sim->pattern;
-    double over = 1.0 / dot(c, c, D), w = sim->inv[b], cQ = w * dot(c, Q, D), speed = dot(cd, cd, D), *ft = sim->ft + b * D;
+    const ts_pattern *p = &sim->linear.pattern;
+    double over = 1.0 / dot(c, c, D), w = sim->inertia.inverse[b], cQ = w * dot(c, Q, D), speed = dot(cd, cd, D),
+           *ft = sim->linear.ft + b * D;
     for (int n = p->row[b]; n < p->row[b + 1]; n++) {
-        project_rows(sim->Jq + n * D * D, c, over, D);
-        project_rows(sim->Jv + n * D * D, c, over, D);
+        project_rows(sim->linear.Jq + n * D * D, c, over, D);
+        project_rows(sim->linear.Jv + n * D * D, c, over, D);
     }
     double along = dot(c, ft, D) * over;
     for (int d = 0; d < D; d++) ft[d] -= along * c[d];
-    double *Aq = sim->Jq + sim->m.own_place[b], *Av = sim->Jv + sim->m.own_place[b];
+    double *Aq = sim->linear.Jq + sim->m.block.own_place[b], *Av = sim->linear.Jv + sim->m.block.own_place[b];
     for (int r = 0; r < D && exact; r++)
         for (int k = 0; k < D; k++) {
             Aq[r * D + k] += over * (2.0 * (cQ + speed) * over * c[r] * c[k] - w * c[r] * Q[k] - (r == k) * (cQ + speed));
@@ -160,32 +162,32 @@ ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, con
 
 ALWAYS_INLINE void turn_columns(ts_sim *sim, const double *q, const int D)
 {
-    const ts_pattern *p = &sim->pattern;
+    const ts_pattern *p = &sim->linear.pattern;
     for (int i = 0; i < p->n; i++)
         for (int n = p->row[i]; n < p->row[i + 1]; n++) {
             int j = p->column[n];
-            if (!sim->m.block_turns[j]) continue;
+            if (!sim->m.block.turns[j]) continue;
             double over = 1.0 / dot(q + j * D, q + j * D, D);
-            project_columns(sim->Jq + n * D * D, q + j * D, over, D);
-            project_columns(sim->Jv + n * D * D, q + j * D, over, D);
+            project_columns(sim->linear.Jq + n * D * D, q + j * D, over, D);
+            project_columns(sim->linear.Jv + n * D * D, q + j * D, over, D);
         }
 }
 
 ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int exact, const int D)
 {
     const ts_model *m = &sim->m;
-    size_t size = sizeof(double) * (size_t)sim->pattern.count * (size_t)(D * D);
+    size_t size = sizeof(double) * (size_t)sim->linear.pattern.count * (size_t)(D * D);
     const double *q = y, *v = y + m->nq;
-    ts_forces(sim, tau, y, sim->lin);
-    memset(sim->Jq, 0, size);
-    memset(sim->Jv, 0, size);
-    memset(sim->ft, 0, sizeof(double) * (size_t)m->nq);
-    for (int i = 0; sim->forces_move && i < m->nq; i++)
-        sim->ft[i] = sim->inv[i / D] * (sim->Qf_rate[i] + tau * sim->Qf_bend[i]);
+    ts_forces(sim, tau, y, sim->linear.work);
+    memset(sim->linear.Jq, 0, size);
+    memset(sim->linear.Jv, 0, size);
+    memset(sim->linear.ft, 0, sizeof(double) * (size_t)m->nq);
+    for (int i = 0; sim->loads.move && i < m->nq; i++)
+        sim->linear.ft[i] = sim->inertia.inverse[i / D] * (sim->loads.rate[i] + tau * sim->loads.bend[i]);
     add_strings(sim, tau, exact, D);
-    if (m->driven) ts_drive_jacobian(sim, tau);
+    if (m->drive.any) ts_drive_jacobian(sim, tau);
     for (int b = 0; b < m->blocks; b++)
-        if (m->block_turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->lin + b * D, b, exact, D);
+        if (m->block.turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->linear.work + b * D, b, exact, D);
     if (!exact) turn_columns(sim, q, D);
 }
 

@@ -22,9 +22,9 @@ ALWAYS_INLINE double dot(const double *a, const double *b, const int D)
 /* String vector and its rate from the blocks. */
 ALWAYS_INLINE void string_vector(const ts_model *m, const double *q, const double *v, int i, double *s, double *sd, const int D)
 {
-    const ts_term *t = m->term + 4 * i;
-    for (int d = 0; d < D; d++) s[d] = m->s0[i * D + d], sd[d] = 0.0;
-    for (int k = 0; k < m->term_count[i]; k++)
+    const ts_term *t = m->string.term + 4 * i;
+    for (int d = 0; d < D; d++) s[d] = m->string.s0[i * D + d], sd[d] = 0.0;
+    for (int k = 0; k < m->string.term_count[i]; k++)
         for (int d = 0; d < D; d++) {
             s[d] += t[k].kappa * q[t[k].offset + d];
             sd[d] += t[k].kappa * v[t[k].offset + d];

@@ -32,11 +32,11 @@ static void generalise(const ts_model *m, const double *force, double *Q)
     int D = m->count[TS_D];
     memset(Q, 0, sizeof(double) * (size_t)m->nq);
     for (int n = 0; n < m->count[TS_N]; n++) {
-        int f = m->free_index[n];
+        int f = m->node.free_index[n];
         if (f < 0) continue;
         for (int d = 0; d < D; d++) {
-            if (m->node_centre[n] >= 0) Q[m->node_centre[n] * D + d] += force[f * D + d];
-            Q[m->node_block[n] * D + d] += m->node_coef[n] * force[f * D + d];
+            if (m->node.centre[n] >= 0) Q[m->node.centre[n] * D + d] += force[f * D + d];
+            Q[m->node.block[n] * D + d] += m->node.coef[n] * force[f * D + d];
         }
     }
 }
@@ -49,34 +49,34 @@ static int any(const double *x, int n)
 }
 
 /* Does an input have a derivative beyond the rate of a rest length? */
-int ts_sloped(const ts_sim *sim) { return any(sim->slopes, 2 * sim->n_inputs); }
+int ts_sloped(const ts_sim *sim) { return any(sim->io.slopes, 2 * sim->io.n_inputs); }
 
 static void prepare_forces(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int force = m->at[TS_FORCE], count = m->count[TS_F] * m->count[TS_D];
-    generalise(m, sim->values + force, sim->Qf);
-    sim->forces_move = any(sim->slopes + force, count) || any(sim->slopes + sim->n_inputs + force, count);
-    for (int e = 0; e < m->count[TS_E]; e++) sim->forces_move |= m->mover_bar[e] >= 0;
-    if (!sim->forces_move) return;
-    generalise(m, sim->slopes + force, sim->Qf_rate);
-    generalise(m, sim->slopes + sim->n_inputs + force, sim->Qf_bend);
+    generalise(m, sim->io.values + force, sim->loads.Q);
+    sim->loads.move = any(sim->io.slopes + force, count) || any(sim->io.slopes + sim->io.n_inputs + force, count);
+    for (int e = 0; e < m->count[TS_E]; e++) sim->loads.move |= m->drive.mover_bar[e] >= 0;
+    if (!sim->loads.move) return;
+    generalise(m, sim->io.slopes + force, sim->loads.rate);
+    generalise(m, sim->io.slopes + sim->io.n_inputs + force, sim->loads.bend);
 }
 
 static void prepare_rest_lengths(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE];
-    const double *first = sim->slopes, *second = first + sim->n_inputs;
-    sim->rest_moves = sim->rest_bends = 0;
+    const double *first = sim->io.slopes, *second = first + sim->io.n_inputs;
+    sim->rest.moves = sim->rest.bends = 0;
     for (int i = 0; i < m->count[TS_S]; i++) {
-        sim->rest[i] = sim->values[length + i];
-        sim->rest_rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->values[rate + i];
-        sim->rest_bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
-        sim->rest_jerk[i] = second[rate + i];
-        if (m->winder[i] >= 0) sim->rest_rate[i] = sim->rest_bend[i] = sim->rest_jerk[i] = 0.0; /* the motor moves it */
-        sim->rest_bends |= sim->rest_bend[i] != 0.0 || sim->rest_jerk[i] != 0.0;
-        sim->rest_moves |= sim->rest_bends || sim->rest_rate[i] != 0.0;
+        sim->rest.length[i] = sim->io.values[length + i];
+        sim->rest.rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->io.values[rate + i];
+        sim->rest.bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
+        sim->rest.jerk[i] = second[rate + i];
+        if (m->drive.winder[i] >= 0) sim->rest.rate[i] = sim->rest.bend[i] = sim->rest.jerk[i] = 0.0; /* the motor moves it */
+        sim->rest.bends |= sim->rest.bend[i] != 0.0 || sim->rest.jerk[i] != 0.0;
+        sim->rest.moves |= sim->rest.bends || sim->rest.rate[i] != 0.0;
     }
 }
 
@@ -87,30 +87,30 @@ void ts_prepare(ts_sim *sim)
     int D = m->count[TS_D];
     ts_weigh(sim);
     prepare_forces(sim);
-    memcpy(sim->Qg, sim->Qf, sizeof(double) * (size_t)m->nq);
+    memcpy(sim->loads.with_gravity, sim->loads.Q, sizeof(double) * (size_t)m->nq);
     for (int b = 0; b < m->blocks; b++)
-        for (int d = 0; d < D; d++) sim->Qg[b * D + d] += sim->laden[b] * sim->g[d];
+        for (int d = 0; d < D; d++) sim->loads.with_gravity[b * D + d] += sim->inertia.laden[b] * sim->inertia.gravity[d];
     prepare_rest_lengths(sim);
-    if (m->driven) ts_drive(sim);
+    if (m->drive.any) ts_drive(sim);
 }
 
 /* Rest length of a string at tau from the step's start (m). */
 double ts_rest_length(const ts_sim *sim, int i, double tau)
 {
-    return sim->rest[i] + (sim->rest_rate[i] + (0.5 * sim->rest_bend[i] + sim->rest_jerk[i] * tau / 6.0) * tau) * tau;
+    return sim->rest.length[i] + (sim->rest.rate[i] + (0.5 * sim->rest.bend[i] + sim->rest.jerk[i] * tau / 6.0) * tau) * tau;
 }
 
 /* Its rate (m/s). */
 double ts_rest_rate(const ts_sim *sim, int i, double tau)
 {
-    return sim->rest_rate[i] + (sim->rest_bend[i] + 0.5 * sim->rest_jerk[i] * tau) * tau;
+    return sim->rest.rate[i] + (sim->rest.bend[i] + 0.5 * sim->rest.jerk[i] * tau) * tau;
 }
 
 ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double elongation, double *slope)
 {
-    const ts_curve *c = sim->curve + i;
-    double k = sim->values[sim->m.at[TS_STIFFNESS] + i];
-    return ts_curve_force(c, sim->piece[i], elongation, k, slope);
+    const ts_curve *c = sim->laws.curve + i;
+    double k = sim->io.values[sim->m.at[TS_STIFFNESS] + i];
+    return ts_curve_force(c, sim->state.piece[i], elongation, k, slope);
 }
 
 /* Tension of a string on its present piece, and its elastic part (N). */
@@ -118,16 +118,16 @@ double ts_tension(const ts_sim *sim, int i, double elongation, double rate, doub
 {
     double slope;
     *fs = elastic(sim, i, elongation, &slope);
-    if (!sim->taut[i] || sim->clipped[i]) return 0.0;
-    return *fs + sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
+    if (!sim->on.taut[i] || sim->state.clipped[i]) return 0.0;
+    return *fs + sim->io.values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
 }
 
 /* Node positions and velocities from the blocks, side by side. */
 ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, double *x, const int driven, const int D)
 {
-    for (int i = 0; i < m->pinned_count; i++) {
-        const ts_place_of_bar *p = m->pinned + i;
-        const double *base = driven ? x + 2 * D * p->first : m->anchor + p->second * D;
+    for (int i = 0; i < m->bar.pinned_count; i++) {
+        const ts_place_of_bar *p = m->bar.pinned + i;
+        const double *base = driven ? x + 2 * D * p->first : m->node.anchor + p->second * D;
         const double *c = q + p->block * D, *cd = v + p->block * D;
         double *tip = x + 2 * D * p->second;
         for (int d = 0; d < D; d++) {
@@ -135,8 +135,8 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
             tip[D + d] = driven ? base[D + d] + cd[d] : cd[d];
         }
     }
-    for (int i = 0; i < m->floating_count; i++) {
-        const ts_place_of_bar *p = m->floating + i;
+    for (int i = 0; i < m->bar.floating_count; i++) {
+        const ts_place_of_bar *p = m->bar.floating + i;
         const double *r = q + p->block * D, *b = r + D, *rd = v + p->block * D, *bd = rd + D;
         const double lower = driven ? p->lower : 0.5, upper = driven ? p->upper : 0.5;
         double *first = x + 2 * D * p->first, *second = x + 2 * D * p->second;
@@ -147,8 +147,8 @@ ALWAYS_INLINE void spread(const ts_model *m, const double *q, const double *v, d
             second[D + d] = rd[d] + upper * bd[d];
         }
     }
-    for (int i = 0; driven && i < m->lone_count; i++) {
-        int n = m->lone[i], b = m->node_block[n] * D;
+    for (int i = 0; driven && i < m->node.lone_count; i++) {
+        int n = m->node.lone[i], b = m->node.block[n] * D;
         for (int d = 0; d < D; d++) {
             x[2 * D * n + d] = q[b + d];
             x[2 * D * n + D + d] = v[b + d];
@@ -167,7 +167,7 @@ ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1,
 ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const double *rest, const double *rest_rates, const int D)
 {
     const int lanes = sim->m.lanes;
-    const int32_t *ends = sim->m.ends;
+    const int32_t *ends = sim->m.string.ends;
     const pair least = pair_both(1e-150);
     for (int i = 0; i < lanes; i += 2) {
         const double *a0 = x + ends[2 * i], *b0 = x + ends[2 * i + 1], *a1 = x + ends[2 * i + 2], *b1 = x + ends[2 * i + 3];
@@ -175,8 +175,8 @@ ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const doub
         for (int d = 0; d < D; d++) {
             s[d] = between(a0, b0, a1, b1, d);
             pair sd = between(a0, b0, a1, b1, D + d);
-            pair_store(sim->s + d * lanes + i, s[d]);
-            pair_store(sim->sd + d * lanes + i, sd);
+            pair_store(sim->strings.s + d * lanes + i, s[d]);
+            pair_store(sim->strings.sd + d * lanes + i, sd);
             ss = d ? pair_add_product(ss, s[d], s[d]) : pair_multiply(s[d], s[d]);
             sv = d ? pair_add_product(sv, s[d], sd) : pair_multiply(s[d], sd);
         }
@@ -184,14 +184,14 @@ ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const doub
         pair per_length = pair_divide(pair_both(1.0), pair_larger(xi, least)),
              rate = pair_subtract(pair_multiply(sv, per_length), rest_rate);
         pair elongation = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
-        pair low = pair_load(sim->elongation_low + i), high = pair_load(sim->elongation_high + i);
-        pair_store(sim->per_length + i, per_length);
-        pair_store(sim->elongation + i, elongation);
-        pair_store(sim->elongation_rate + i, rate);
-        pair_store(sim->fs + i, pair_multiply(pair_load(sim->k_on + i), elongation));
-        pair_store(sim->fd + i, pair_multiply(pair_load(sim->d_on + i), rate));
-        pair_store(sim->elongation_low + i, pair_smaller(low, elongation));
-        pair_store(sim->elongation_high + i, pair_larger(high, elongation));
+        pair low = pair_load(sim->strings.lowest + i), high = pair_load(sim->strings.highest + i);
+        pair_store(sim->strings.per_length + i, per_length);
+        pair_store(sim->strings.elongation + i, elongation);
+        pair_store(sim->strings.rate + i, rate);
+        pair_store(sim->strings.fs + i, pair_multiply(pair_load(sim->on.k + i), elongation));
+        pair_store(sim->strings.fd + i, pair_multiply(pair_load(sim->on.d + i), rate));
+        pair_store(sim->strings.lowest + i, pair_smaller(low, elongation));
+        pair_store(sim->strings.highest + i, pair_larger(high, elongation));
     }
 }
 
@@ -199,21 +199,23 @@ ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const doub
 static void curve_forces(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    for (int n = 0; n < m->curved_count; n++) {
-        int i = m->curved[n];
+    for (int n = 0; n < m->string.curved_count; n++) {
+        int i = m->string.with_curve[n];
         double slope;
-        double k = sim->values[m->at[TS_STIFFNESS] + i];
-        if (sim->piece[i]) sim->fs[i] = ts_curve_force(sim->curve + i, sim->piece[i], sim->elongation[i], k, &slope);
+        double k = sim->io.values[m->at[TS_STIFFNESS] + i];
+        if (sim->state.piece[i])
+            sim->strings.fs[i] =
+                ts_curve_force(sim->laws.curve + i, sim->state.piece[i], sim->strings.elongation[i], k, &slope);
     }
 }
 
 /* Damping tension of the strings that have a law for it. */
 static void damper_forces(ts_sim *sim)
 {
-    for (int n = 0; n < sim->m.damped_count; n++) {
-        int i = sim->m.damped[n];
+    for (int n = 0; n < sim->m.string.damped_count; n++) {
+        int i = sim->m.string.with_damper[n];
         double slope;
-        if (sim->taut[i]) sim->fd[i] += ts_damping_law(sim, i, sim->elongation_rate[i], &slope);
+        if (sim->on.taut[i]) sim->strings.fd[i] += ts_damping_law(sim, i, sim->strings.rate[i], &slope);
     }
 }
 
@@ -221,12 +223,12 @@ static void damper_forces(ts_sim *sim)
 static void clip(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        if (!sim->taut[i]) continue;
-        double T = sim->fs[i] + sim->fd[i], margin = sim->clipped[i] ? -T : T;
-        if ((T < 0.0) != (sim->clipped[i] != 0)) sim->sign_changed[i] = 1;
-        if (margin < sim->margin_low[i]) sim->margin_low[i] = margin;
-        if (margin > sim->margin_high[i]) sim->margin_high[i] = margin;
-        if (sim->clipped[i]) sim->fs[i] = sim->fd[i] = 0.0;
+        if (!sim->on.taut[i]) continue;
+        double T = sim->strings.fs[i] + sim->strings.fd[i], margin = sim->state.clipped[i] ? -T : T;
+        if ((T < 0.0) != (sim->state.clipped[i] != 0)) sim->strings.sign_changed[i] = 1;
+        if (margin < sim->strings.margin_low[i]) sim->strings.margin_low[i] = margin;
+        if (margin > sim->strings.margin_high[i]) sim->strings.margin_high[i] = margin;
+        if (sim->state.clipped[i]) sim->strings.fs[i] = sim->strings.fd[i] = 0.0;
     }
 }
 
@@ -235,14 +237,14 @@ static void place_by_elongation(ts_sim *sim)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         double lost = 0.0;
-        if (sim->elongation[i] < sim->lo[i] || sim->elongation[i] > sim->hi[i])
-            ts_place(sim, i, ts_curve_walk(sim->curve + i, sim->piece[i], sim->elongation[i], 0.0, &lost));
-        sim->fs[i] = sim->k_on[i] * sim->elongation[i];
-        sim->fd[i] = sim->d_on[i] * sim->elongation_rate[i];
-        if (sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]) {
+        if (sim->strings.elongation[i] < sim->on.lo[i] || sim->strings.elongation[i] > sim->on.hi[i])
+            ts_place(sim, i, ts_curve_walk(sim->laws.curve + i, sim->state.piece[i], sim->strings.elongation[i], 0.0, &lost));
+        sim->strings.fs[i] = sim->on.k[i] * sim->strings.elongation[i];
+        sim->strings.fd[i] = sim->on.d[i] * sim->strings.rate[i];
+        if (sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i]) {
             double slope,
-                f = elastic(sim, i, sim->elongation[i], &slope) + ts_damping_law(sim, i, sim->elongation_rate[i], &slope);
-            sim->clipped[i] = f + sim->fd[i] < 0.0;
+                f = elastic(sim, i, sim->strings.elongation[i], &slope) + ts_damping_law(sim, i, sim->strings.rate[i], &slope);
+            sim->state.clipped[i] = f + sim->strings.fd[i] < 0.0;
         }
     }
 }
@@ -251,8 +253,8 @@ static void place_by_elongation(ts_sim *sim)
 static void bend_rest_lengths(ts_sim *sim, double tau)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        sim->rest_now[i] = ts_rest_length(sim, i, tau);
-        sim->rest_rate_now[i] = ts_rest_rate(sim, i, tau);
+        sim->rest.now[i] = ts_rest_length(sim, i, tau);
+        sim->rest.rate_now[i] = ts_rest_rate(sim, i, tau);
     }
 }
 
@@ -261,17 +263,17 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
 {
     const ts_model *m = &sim->m;
     if (driven) ts_move_bases(sim, tau);
-    spread(m, q, v, sim->x, driven, D);
-    if (sim->rest_bends || (driven && m->count[TS_A])) {
+    spread(m, q, v, sim->strings.x, driven, D);
+    if (sim->rest.bends || (driven && m->count[TS_A])) {
         bend_rest_lengths(sim, tau);
         if (driven) ts_wind(sim, q);
-        elongate(sim, 0.0, sim->x, sim->rest_now, sim->rest_rate_now, D);
+        elongate(sim, 0.0, sim->strings.x, sim->rest.now, sim->rest.rate_now, D);
     } else {
-        elongate(sim, tau, sim->x, sim->rest, sim->rest_rate, D);
+        elongate(sim, tau, sim->strings.x, sim->rest.length, sim->rest.rate, D);
     }
-    if (sim->unlocated) place_by_elongation(sim);
-    if (m->curved_count) curve_forces(sim);
-    if (m->damped_count) damper_forces(sim);
+    if (sim->call.unlocated) place_by_elongation(sim);
+    if (m->string.curved_count) curve_forces(sim);
+    if (m->string.damped_count) damper_forces(sim);
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
 }
 
@@ -279,8 +281,8 @@ ALWAYS_INLINE void pull(const ts_sim *sim, double *RESTRICT force, const int D)
 {
     const ts_model *m = &sim->m;
     const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];
-    const int32_t *ends = m->strings;
-    const double *fs = sim->fs, *fd = sim->fd, *over = sim->per_length, *s = sim->s;
+    const int32_t *ends = m->packed.strings;
+    const double *fs = sim->strings.fs, *fd = sim->strings.fd, *over = sim->strings.per_length, *s = sim->strings.s;
     for (int i = 0; i < nodes * D; i++) force[i] = 0.0;
     for (int i = 0; i < count; i++) {
         const double density = (fs[i] + fd[i]) * over[i];
@@ -297,15 +299,16 @@ ALWAYS_INLINE void pull(const ts_sim *sim, double *RESTRICT force, const int D)
 static void external_power(const ts_sim *sim, double tau, const double *v, double *p)
 {
     for (int i = 0; i < sim->m.nq; i++) {
-        double power = (sim->Qf[i] + (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau) * v[i];
+        double power = (sim->loads.Q[i] + (sim->loads.rate[i] + 0.5 * sim->loads.bend[i] * tau) * tau) * v[i];
         p[1] += power;
         p[2] += fabs(power);
     }
     for (int e = 0; e < sim->m.count[TS_E]; e++) { /* on what a moved node carries along */
-        int D = sim->m.count[TS_D], bar = sim->m.mover_bar[e], i = bar < 0 ? 0 : sim->m.bar_block[bar] * D;
-        const double *speed = sim->base_now + (3 * e + 1) * D;
+        int D = sim->m.count[TS_D], bar = sim->m.drive.mover_bar[e], i = bar < 0 ? 0 : sim->m.bar.block[bar] * D;
+        const double *speed = sim->bases.now + (3 * e + 1) * D;
         for (int d = 0; d < D && bar >= 0; d++) {
-            double power = (sim->Qf[i + d] + (sim->Qf_rate[i + d] + 0.5 * sim->Qf_bend[i + d] * tau) * tau) * speed[d];
+            double power =
+                (sim->loads.Q[i + d] + (sim->loads.rate[i + d] + 0.5 * sim->loads.bend[i + d] * tau) * tau) * speed[d];
             p[1] += power;
             p[2] += fabs(power);
         }
@@ -316,11 +319,11 @@ static void external_power(const ts_sim *sim, double tau, const double *v, doubl
 ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, double *p, const int driven)
 {
     double lost[TS_LANES] = {0.0}, done[TS_LANES] = {0.0}, moved[TS_LANES] = {0.0};
-    const double *fs = sim->fs, *fd = sim->fd, *rate = sim->elongation_rate;
-    const double *rest_rate = sim->rest_bends || (driven && sim->m.count[TS_A]) ? sim->rest_rate_now : sim->rest_rate;
+    const double *fs = sim->strings.fs, *fd = sim->strings.fd, *rate = sim->strings.rate;
+    const double *rest_rate = sim->rest.bends || (driven && sim->m.count[TS_A]) ? sim->rest.rate_now : sim->rest.rate;
     for (int i = 0; i < sim->m.lanes; i += TS_LANES)
         for (int l = 0; l < TS_LANES; l++) lost[l] += fd[i + l] * rate[i + l];
-    if (sim->rest_moves)
+    if (sim->rest.moves)
         for (int i = 0; i < sim->m.lanes; i += TS_LANES)
             for (int l = 0; l < TS_LANES; l++) {
                 double power = -(fs[i + l] + fd[i + l]) * rest_rate[i + l];
@@ -330,36 +333,36 @@ ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, 
     p[0] = (lost[0] + lost[1]) + (lost[2] + lost[3]);
     p[1] = (done[0] + done[1]) + (done[2] + done[3]);
     p[2] = p[0] + ((moved[0] + moved[1]) + (moved[2] + moved[3]));
-    if (sim->forces_move) external_power(sim, tau, v, p);
+    if (sim->loads.move) external_power(sim, tau, v, p);
 }
 
 static void move_forces(const ts_sim *sim, double tau, double *Q)
 {
-    for (int i = 0; i < sim->m.nq; i++) Q[i] += (sim->Qf_rate[i] + 0.5 * sim->Qf_bend[i] * tau) * tau;
+    for (int i = 0; i < sim->m.nq; i++) Q[i] += (sim->loads.rate[i] + 0.5 * sim->loads.bend[i] * tau) * tau;
 }
 
 /* Generalised forces on the blocks. */
 ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, double *Q, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
-    for (int i = 0; i < m->pinned_count; i++) {
-        const ts_place_of_bar *p = m->pinned + i;
-        for (int d = 0; d < D; d++) Q[p->block * D + d] = sim->Qg[p->block * D + d] + force[p->second * D + d];
+    for (int i = 0; i < m->bar.pinned_count; i++) {
+        const ts_place_of_bar *p = m->bar.pinned + i;
+        for (int d = 0; d < D; d++) Q[p->block * D + d] = sim->loads.with_gravity[p->block * D + d] + force[p->second * D + d];
     }
-    for (int i = 0; i < m->floating_count; i++) {
-        const ts_place_of_bar *p = m->floating + i;
-        const double *Qg = sim->Qg + p->block * D, *f1 = force + p->first * D, *f2 = force + p->second * D;
+    for (int i = 0; i < m->bar.floating_count; i++) {
+        const ts_place_of_bar *p = m->bar.floating + i;
+        const double *Qg = sim->loads.with_gravity + p->block * D, *f1 = force + p->first * D, *f2 = force + p->second * D;
         double *Qr = Q + p->block * D, *Qb = Qr + D;
         for (int d = 0; d < D; d++) {
             Qr[d] = Qg[d] + (f1[d] + f2[d]);
             Qb[d] = Qg[D + d] + (driven ? p->upper * f2[d] - p->lower * f1[d] : 0.5 * (f2[d] - f1[d]));
         }
     }
-    for (int i = 0; driven && i < m->lone_count; i++) {
-        int n = m->lone[i], b = m->node_block[n] * D;
-        for (int d = 0; d < D; d++) Q[b + d] = sim->Qg[b + d] + force[n * D + d];
+    for (int i = 0; driven && i < m->node.lone_count; i++) {
+        int n = m->node.lone[i], b = m->node.block[n] * D;
+        for (int d = 0; d < D; d++) Q[b + d] = sim->loads.with_gravity[b + d] + force[n * D + d];
     }
-    if (sim->forces_move) move_forces(sim, tau, Q);
+    if (sim->loads.move) move_forces(sim, tau, Q);
     if (driven) ts_carry(sim, Q);
 }
 
@@ -377,27 +380,27 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     const double *q = y, *v = y + nq;
     double *a = dy + nq;
     strings(sim, tau, q, v, driven, D);
-    pull(sim, sim->node_force, D);
-    if (driven) ts_drag(sim, sim->node_force);
+    pull(sim, sim->strings.node_force, D);
+    if (driven) ts_drag(sim, sim->strings.node_force);
     ledger_rates(sim, tau, v, dy + 2 * nq, driven);
-    gather(sim, tau, sim->node_force, a, driven, D);
+    gather(sim, tau, sim->strings.node_force, a, driven, D);
     for (int i = 0; i < nq; i++) dy[i] = v[i];
-    for (int i = 0; i < m->pinned_count; i++) {
-        int b = m->pinned[i].block;
-        turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
+    for (int i = 0; i < m->bar.pinned_count; i++) {
+        int b = m->bar.pinned[i].block;
+        turn(sim->inertia.inverse[b], q + b * D, v + b * D, a + b * D, D);
     }
-    for (int i = 0; i < m->floating_count; i++) {
-        int r = m->floating[i].block, b = r + 1;
-        for (int d = 0; d < D; d++) a[r * D + d] *= sim->inv[r];
-        turn(sim->inv[b], q + b * D, v + b * D, a + b * D, D);
+    for (int i = 0; i < m->bar.floating_count; i++) {
+        int r = m->bar.floating[i].block, b = r + 1;
+        for (int d = 0; d < D; d++) a[r * D + d] *= sim->inertia.inverse[r];
+        turn(sim->inertia.inverse[b], q + b * D, v + b * D, a + b * D, D);
     }
     if (!driven) return;
-    for (int i = 0; i < m->lone_count; i++) {
-        int b = m->node_block[m->lone[i]];
-        for (int d = 0; d < D; d++) a[b * D + d] *= sim->inv[b];
+    for (int i = 0; i < m->node.lone_count; i++) {
+        int b = m->node.block[m->node.lone[i]];
+        for (int d = 0; d < D; d++) a[b * D + d] *= sim->inertia.inverse[b];
     }
     ts_motors(sim, tau, v, a);
-    for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inv[i / D];
+    for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inertia.inverse[i / D];
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
 }
 
@@ -405,9 +408,9 @@ APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *d
 
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 {
-    TS_ASSERT(sim->curves_ready && y != dy);
+    TS_ASSERT(sim->laws.ready && y != dy);
     sim->memory.stats[TS_RHS]++;
-    if (sim->m.driven) {
+    if (sim->m.drive.any) {
         driven_rhs(sim, tau, y, dy);
         return;
     }
@@ -422,27 +425,27 @@ ALWAYS_INLINE void powers(ts_sim *sim, double tau, const double *y, double *p, c
 
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
 {
-    if (!sim->m.driven) {
+    if (!sim->m.drive.any) {
         DISPATCH(sim, powers, sim, tau, y, p);
         return;
     }
-    driven_rhs(sim, tau, y, sim->lin); /* a moved node's power needs the accelerations */
-    memcpy(p, sim->lin + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
+    driven_rhs(sim, tau, y, sim->linear.work); /* a moved node's power needs the accelerations */
+    memcpy(p, sim->linear.work + 2 * sim->m.nq, TS_LEDGER * sizeof *p);
 }
 
 /* Strings' kinematics and tensions, and the generalised forces Q on the blocks: what the Jacobian starts from. */
 ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int driven, const int D)
 {
     strings(sim, tau, y, y + sim->m.nq, driven, D);
-    pull(sim, sim->node_force, D);
-    if (driven) ts_drag(sim, sim->node_force);
-    gather(sim, tau, sim->node_force, Q, driven, D);
+    pull(sim, sim->strings.node_force, D);
+    if (driven) ts_drag(sim, sim->strings.node_force);
+    gather(sim, tau, sim->strings.node_force, Q, driven, D);
     if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
 }
 
 void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
 {
-    if (sim->m.driven) DISPATCH(sim, forces, sim, tau, y, Q, 1);
+    if (sim->m.drive.any) DISPATCH(sim, forces, sim, tau, y, Q, 1);
     else DISPATCH(sim, forces, sim, tau, y, Q, 0);
 }
 
@@ -454,7 +457,7 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
     string_vector(m, y, y + m->nq, i, s, sd, D);
     for (int end = 0; driven && end < 2; end++) {
         double x[3], v[3], sign = end ? 1.0 : -1.0;
-        int mover = m->mover[m->strings[2 * i + end]];
+        int mover = m->drive.mover[m->packed.strings[2 * i + end]];
         if (mover < 0) continue;
         ts_base_at(sim, tau, mover, x, v);
         for (int d = 0; d < D; d++) s[d] += sign * x[d], sd[d] += sign * v[d];
@@ -462,7 +465,7 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
     double xi = sqrt(dot(s, s, D));
     *elongation = xi - ts_rest_length(sim, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
-    if (driven && m->winder[i] >= 0) {
+    if (driven && m->drive.winder[i] >= 0) {
         *elongation += ts_wound(sim, y, i);
         *rate += ts_wound(sim, y + m->nq, i);
     }
@@ -476,7 +479,7 @@ APART static void driven_string_state(const ts_sim *sim, double tau, const doubl
 /* Elongation of one string and its rate. */
 void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate)
 {
-    if (sim->m.driven) {
+    if (sim->m.drive.any) {
         driven_string_state(sim, tau, y, i, elongation, rate);
         return;
     }
@@ -486,7 +489,7 @@ void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, doub
 ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
 {
     double *c = y + block * D, *cd = y + m->nq + block * D, over = 1.0 / dot(c, c, D), along = dot(c, cd, D) * over;
-    double length = m->block_length[block], factor = length * sqrt(over);
+    double length = m->block.length[block], factor = length * sqrt(over);
     for (int d = 0; d < D; d++) {
         cd[d] -= along * c[d];
         c[d] *= factor;
@@ -497,14 +500,14 @@ ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
 
 ALWAYS_INLINE void project_all(const ts_model *m, double *y, const int D)
 {
-    for (int i = 0; i < m->pinned_count; i++) project(m, y, m->pinned[i].block, D);
-    for (int i = 0; i < m->floating_count; i++) project(m, y, m->floating[i].block + 1, D);
+    for (int i = 0; i < m->bar.pinned_count; i++) project(m, y, m->bar.pinned[i].block, D);
+    for (int i = 0; i < m->bar.floating_count; i++) project(m, y, m->bar.floating[i].block + 1, D);
 }
 
 /* Put a bar vector back on its length: b along itself, b' normal to b. */
 void ts_project_block(const ts_sim *sim, double *y, int block)
 {
-    if (sim->m.block_turns[block]) DISPATCH(sim, project, &sim->m, y, block);
+    if (sim->m.block.turns[block]) DISPATCH(sim, project, &sim->m, y, block);
 }
 
 void ts_project(const ts_sim *sim, double *y) { DISPATCH(sim, project_all, &sim->m, y); }
@@ -522,7 +525,7 @@ ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double 
         worst = ratio > worst ? ratio : worst;
         worst2 = ratio2 > worst2 ? ratio2 : worst2;
     }
-    double over = 1.0 / sim->values[sim->m.at[TS_TOLERANCE]];
+    double over = 1.0 / sim->io.values[sim->m.at[TS_TOLERANCE]];
     *norm = sum == sum ? sqrt(worst) * over : NAN;
     *norm2 = sum == sum ? sqrt(worst2) * over : NAN;
 }

@@ -15,7 +15,8 @@
 static const double *fixed_at(const ts_sim *sim, int node)
 {
     const ts_model *m = &sim->m;
-    return m->mover[node] < 0 ? m->anchor + node * m->count[TS_D] : sim->base_now + 3 * m->mover[node] * m->count[TS_D];
+    return m->drive.mover[node] < 0 ? m->node.anchor + node * m->count[TS_D]
+                                    : sim->bases.now + 3 * m->drive.mover[node] * m->count[TS_D];
 }
 
 /* The axes along which gravity acts: first and end. */
@@ -38,22 +39,23 @@ static double potential(const ts_sim *sim)
     double energy = 0.0;
     for (int d = falls.first; d < falls.end; d++) {
         double sum = 0.0;
-        for (int b = 0; b < m->blocks; b++) sum += sim->laden[b] * sim->y[b * D + d];
-        for (int i = 0; i < m->pinned_count; i++) {
-            int bar = m->block_bar[m->pinned[i].block];
-            double mass = sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[m->pinned[i].second];
-            sum += mass * fixed_at(sim, m->pinned[i].first)[d];
+        for (int b = 0; b < m->blocks; b++) sum += sim->inertia.laden[b] * sim->state.y[b * D + d];
+        for (int i = 0; i < m->bar.pinned_count; i++) {
+            int bar = m->block.bar[m->bar.pinned[i].block];
+            double mass = sim->io.values[m->at[TS_BAR_MASS] + bar] + sim->inertia.extra[m->bar.pinned[i].second];
+            sum += mass * fixed_at(sim, m->bar.pinned[i].first)[d];
         }
         for (int i = 0; i < m->count[TS_P]; i++)
-            if (m->fixed[m->massed[i]]) sum += sim->extra_mass[m->massed[i]] * fixed_at(sim, m->massed[i])[d];
-        energy -= sim->g[d] * sum;
+            if (m->packed.fixed[m->packed.massed[i]])
+                sum += sim->inertia.extra[m->packed.massed[i]] * fixed_at(sim, m->packed.massed[i])[d];
+        energy -= sim->inertia.gravity[d] * sum;
     }
     return energy;
 }
 
 static double energy_of_string(const ts_sim *sim, int i, double elongation)
 {
-    return ts_curve_energy(sim->curve + i, sim->piece[i], elongation, sim->values[sim->m.at[TS_STIFFNESS] + i]);
+    return ts_curve_energy(sim->laws.curve + i, sim->state.piece[i], elongation, sim->io.values[sim->m.at[TS_STIFFNESS] + i]);
 }
 
 /* Energy stored in clipped strings (J). */
@@ -62,8 +64,8 @@ double ts_clipped_energy(const ts_sim *sim, double tau)
     const ts_model *m = &sim->m;
     double sum = 0.0, elongation, rate;
     for (int i = 0; m->damping_law == TS_TENSION_ONLY && i < m->count[TS_S]; i++) {
-        if (!sim->clipped[i]) continue;
-        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        if (!sim->state.clipped[i]) continue;
+        ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
         sum += energy_of_string(sim, i, elongation);
     }
     return sum;
@@ -74,7 +76,7 @@ double ts_stored_energy(const ts_sim *sim, double tau)
 {
     double sum = potential(sim), elongation, rate;
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
         sum += energy_of_string(sim, i, elongation);
     }
     return sum;
@@ -87,15 +89,16 @@ static double carried_energy(const ts_sim *sim)
     int D = m->count[TS_D];
     double sum = 0.0;
     for (int e = 0; e < m->count[TS_E]; e++) {
-        const double *v = sim->base_now + (3 * e + 1) * D;
-        double mass = sim->extra_mass[m->moved[e]], along = 0.0, square = 0.0;
-        int bar = m->mover_bar[e];
+        const double *v = sim->bases.now + (3 * e + 1) * D;
+        double mass = sim->inertia.extra[m->packed.moved[e]], along = 0.0, square = 0.0;
+        int bar = m->drive.mover_bar[e];
         for (int d = 0; d < D; d++) square += v[d] * v[d];
         if (bar >= 0) {
-            int block = m->bar_block[bar], tip = m->bars[2 * bar] == m->moved[e] ? m->bars[2 * bar + 1] : m->bars[2 * bar];
-            for (int d = 0; d < D; d++) along += v[d] * sim->y[m->nq + block * D + d];
-            mass += sim->values[m->at[TS_BAR_MASS] + bar] + sim->extra_mass[tip];
-            sum += sim->laden[block] * along;
+            int block = m->bar.block[bar],
+                tip = m->packed.bars[2 * bar] == m->packed.moved[e] ? m->packed.bars[2 * bar + 1] : m->packed.bars[2 * bar];
+            for (int d = 0; d < D; d++) along += v[d] * sim->state.y[m->nq + block * D + d];
+            mass += sim->io.values[m->at[TS_BAR_MASS] + bar] + sim->inertia.extra[tip];
+            sum += sim->inertia.laden[block] * along;
         }
         sum += 0.5 * mass * square;
     }
@@ -105,9 +108,10 @@ static double carried_energy(const ts_sim *sim)
 ALWAYS_INLINE double kinetic(const ts_sim *sim, const int D)
 {
     const ts_model *m = &sim->m;
-    const double *v = sim->y + m->nq;
+    const double *v = sim->state.y + m->nq;
     double sum = 0.0;
-    for (int b = 0; b < m->blocks; b++) sum += dot(v + b * D, v + b * D, D) / sim->inv[b]; /* 1/inv: inertia of the block */
+    for (int b = 0; b < m->blocks; b++)
+        sum += dot(v + b * D, v + b * D, D) / sim->inertia.inverse[b]; /* 1/inv: inertia of the block */
     return 0.5 * sum + (m->count[TS_E] ? carried_energy(sim) : 0.0);
 }
 
@@ -116,10 +120,10 @@ double ts_kinetic_energy(const ts_sim *sim) { return sim->m.count[TS_D] == 2 ? k
 ALWAYS_INLINE void nodes(ts_sim *sim, const int D)
 {
     const ts_model *m = &sim->m;
-    double *position = sim->values + m->at[TS_POSITION], *velocity = sim->values + m->at[TS_VELOCITY];
+    double *position = sim->io.values + m->at[TS_POSITION], *velocity = sim->io.values + m->at[TS_VELOCITY];
     for (int n = 0; n < m->count[TS_N]; n++) {
-        const double *x = sim->x + 2 * D * n;
-        int free = m->free_index[n];
+        const double *x = sim->strings.x + 2 * D * n;
+        int free = m->node.free_index[n];
         for (int d = 0; d < D; d++) position[n * D + d] = x[d];
         for (int d = 0; d < D && free >= 0; d++) velocity[free * D + d] = x[D + d];
     }
@@ -128,15 +132,15 @@ ALWAYS_INLINE void nodes(ts_sim *sim, const int D)
 static void strings(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
-    double *force = sim->values + m->at[TS_STRING_FORCE], *elastic = sim->values + m->at[TS_ELASTIC_FORCE];
-    double *length = sim->values + m->at[TS_STRING_LENGTH];
+    double *force = sim->io.values + m->at[TS_STRING_FORCE], *elastic = sim->io.values + m->at[TS_ELASTIC_FORCE];
+    double *length = sim->io.values + m->at[TS_STRING_LENGTH];
     for (int i = 0; i < m->count[TS_S]; i++) {
-        double fs = sim->fs[i];
-        if (sim->clipped[i])
-            ts_tension(sim, i, sim->elongation[i], sim->elongation_rate[i], &fs); /* the spring pulls all the same */
-        force[i] = sim->fs[i] + sim->fd[i];
+        double fs = sim->strings.fs[i];
+        if (sim->state.clipped[i])
+            ts_tension(sim, i, sim->strings.elongation[i], sim->strings.rate[i], &fs); /* the spring pulls all the same */
+        force[i] = sim->strings.fs[i] + sim->strings.fd[i];
         elastic[i] = fs;
-        length[i] = sim->elongation[i] + (m->winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest_now[i]);
+        length[i] = sim->strings.elongation[i] + (m->drive.winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest.now[i]);
     }
 }
 
@@ -145,10 +149,10 @@ static double acceleration(const ts_sim *sim, int node, int d)
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    const double *a = sim->f0 + m->nq;
-    double sum = m->mover[node] < 0 ? 0.0 : sim->base_now[(3 * m->mover[node] + 2) * D + d];
-    if (m->node_centre[node] >= 0) sum += a[m->node_centre[node] * D + d];
-    if (m->node_block[node] >= 0) sum += m->node_coef[node] * a[m->node_block[node] * D + d];
+    const double *a = sim->start.f + m->nq;
+    double sum = m->drive.mover[node] < 0 ? 0.0 : sim->bases.now[(3 * m->drive.mover[node] + 2) * D + d];
+    if (m->node.centre[node] >= 0) sum += a[m->node.centre[node] * D + d];
+    if (m->node.block[node] >= 0) sum += m->node.coef[node] * a[m->node.block[node] * D + d];
     return sum;
 }
 
@@ -157,20 +161,21 @@ ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
 {
     const ts_model *m = &sim->m;
     const axes falls = of_gravity(m);
-    const double *mass = sim->values + m->at[TS_BAR_MASS], *input = sim->values + m->at[TS_FORCE];
-    const double *slope = sim->slopes + m->at[TS_FORCE], *bend = slope + sim->n_inputs;
+    const double *mass = sim->io.values + m->at[TS_BAR_MASS], *input = sim->io.values + m->at[TS_FORCE];
+    const double *slope = sim->io.slopes + m->at[TS_FORCE], *bend = slope + sim->io.n_inputs;
     for (int n = 0; n < m->count[TS_N]; n++) {
-        int first = m->free_index[n] * D;
+        int first = m->node.free_index[n] * D;
         if (first < 0) continue;
-        for (int d = 0; d < D; d++) sim->node_force[n * D + d] += input[first + d];
-        for (int d = 0; d < D && sim->forces_move; d++)
-            sim->node_force[n * D + d] += (slope[first + d] + 0.5 * bend[first + d] * tau) * tau;
+        for (int d = 0; d < D; d++) sim->strings.node_force[n * D + d] += input[first + d];
+        for (int d = 0; d < D && sim->loads.move; d++)
+            sim->strings.node_force[n * D + d] += (slope[first + d] + 0.5 * bend[first + d] * tau) * tau;
     }
     for (int i = 0; i < 2 * m->count[TS_B]; i++)
-        for (int d = falls.first; d < falls.end; d++) sim->node_force[m->bars[i] * D + d] += 0.5 * mass[i / 2] * sim->g[d];
+        for (int d = falls.first; d < falls.end; d++)
+            sim->strings.node_force[m->packed.bars[i] * D + d] += 0.5 * mass[i / 2] * sim->inertia.gravity[d];
     for (int i = 0; i < m->count[TS_P]; i++)
-        for (int d = 0, n = m->massed[i]; d < D; d++)
-            sim->node_force[n * D + d] += sim->extra_mass[n] * (sim->g[d] - acceleration(sim, n, d));
+        for (int d = 0, n = m->packed.massed[i]; d < D; d++)
+            sim->strings.node_force[n * D + d] += sim->inertia.extra[n] * (sim->inertia.gravity[d] - acceleration(sim, n, d));
 }
 
 /* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
@@ -178,8 +183,8 @@ ALWAYS_INLINE void reactions(ts_sim *sim, const int D)
 {
     const ts_model *m = &sim->m;
     for (int n = 0; n < m->count[TS_N]; n++)
-        for (int d = 0; d < D && m->fixed[n]; d++)
-            sim->values[m->at[TS_REACTION] + (-1 - m->free_index[n]) * D + d] = -sim->node_force[n * D + d];
+        for (int d = 0; d < D && m->packed.fixed[n]; d++)
+            sim->io.values[m->at[TS_REACTION] + (-1 - m->node.free_index[n]) * D + d] = -sim->strings.node_force[n * D + d];
 }
 
 /* Reactions of pinned bars, m c''/2 + m a_base - f_base - f_tip; then with them the axial forces (eq. 1):
@@ -188,23 +193,23 @@ ALWAYS_INLINE void bars(ts_sim *sim, const int D)
 {
     static const double at_rest[3] = {0.0, 0.0, 0.0};
     const ts_model *m = &sim->m;
-    const double *mass = sim->values + m->at[TS_BAR_MASS], *x = sim->values + m->at[TS_POSITION];
+    const double *mass = sim->io.values + m->at[TS_BAR_MASS], *x = sim->io.values + m->at[TS_POSITION];
     for (int i = 0; i < m->count[TS_B]; i++) {
-        int first = m->bars[2 * i], second = m->bars[2 * i + 1], base = m->bar_base[i],
-            moves = base >= 0 && m->mover[base] >= 0;
-        double axial = 0.0, speed = 0.0, *f1 = sim->node_force + first * D, *f2 = sim->node_force + second * D;
-        const double *v = sim->f0 + m->bar_block[i] * D, *a = v + m->nq;
-        const double *a_base = moves ? sim->base_now + (3 * m->mover[base] + 2) * D : at_rest;
-        double *R = base < 0 ? NULL : sim->values + m->at[TS_REACTION] + (-1 - m->free_index[base]) * D;
+        int first = m->packed.bars[2 * i], second = m->packed.bars[2 * i + 1], base = m->bar.base[i],
+            moves = base >= 0 && m->drive.mover[base] >= 0;
+        double axial = 0.0, speed = 0.0, *f1 = sim->strings.node_force + first * D, *f2 = sim->strings.node_force + second * D;
+        const double *v = sim->start.f + m->bar.block[i] * D, *a = v + m->nq;
+        const double *a_base = moves ? sim->bases.now + (3 * m->drive.mover[base] + 2) * D : at_rest;
+        double *R = base < 0 ? NULL : sim->io.values + m->at[TS_REACTION] + (-1 - m->node.free_index[base]) * D;
         for (int d = 0; d < D; d++) {
             if (R) {
                 R[d] = mass[i] * (0.5 * a[d] + a_base[d]) - f1[d] - f2[d];
-                sim->node_force[base * D + d] += R[d];
+                sim->strings.node_force[base * D + d] += R[d];
             }
             axial += (x[second * D + d] - x[first * D + d]) * (f2[d] - f1[d]);
             speed += v[d] * v[d];
         }
-        sim->values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar_length[i];
+        sim->io.values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar.length[i];
     }
 }
 
@@ -212,10 +217,11 @@ static void drives(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     for (int a = 0; a < m->count[TS_A]; a++) {
-        double rate = ts_wound(sim, sim->y + m->nq, m->wound[a]);
-        sim->values[m->at[TS_WOUND_REST_LENGTH] + a] = sim->rest[m->wound[a]] - ts_wound(sim, sim->y, m->wound[a]);
-        sim->values[m->at[TS_WOUND_REST_LENGTH_RATE] + a] = -rate;
-        sim->values[m->at[TS_MOTOR_SPEED] + a] = rate / sim->values[m->at[TS_DRUM_RADIUS] + a];
+        double rate = ts_wound(sim, sim->state.y + m->nq, m->packed.wound[a]);
+        sim->io.values[m->at[TS_WOUND_REST_LENGTH] + a] =
+            sim->rest.length[m->packed.wound[a]] - ts_wound(sim, sim->state.y, m->packed.wound[a]);
+        sim->io.values[m->at[TS_WOUND_REST_LENGTH_RATE] + a] = -rate;
+        sim->io.values[m->at[TS_MOTOR_SPEED] + a] = rate / sim->io.values[m->at[TS_DRUM_RADIUS] + a];
     }
 }
 
@@ -225,50 +231,52 @@ ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
     loads(sim, tau, D);
     reactions(sim, D);
     bars(sim, D);
-    sim->values[sim->m.at[TS_KINETIC]] = kinetic(sim, D);
+    sim->io.values[sim->m.at[TS_KINETIC]] = kinetic(sim, D);
 }
 
 /* Fill all outputs from what ts_rhs() has just found at the present state; f0 is the derivative there. */
 void ts_outputs(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
-    double *out = sim->values;
+    double *out = sim->io.values;
     strings(sim, tau);
     DISPATCH(sim, mechanics, sim, tau);
     drives(sim);
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;
-    for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->elongation[i]);
-    out[m->at[TS_DISSIPATED]] = sim->y[2 * m->nq];
-    out[m->at[TS_INPUT_WORK]] = sim->y[2 * m->nq + 1];
-    out[m->at[TS_THROUGHPUT]] = sim->y[2 * m->nq + 2];
+    for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->strings.elongation[i]);
+    out[m->at[TS_DISSIPATED]] = sim->state.y[2 * m->nq];
+    out[m->at[TS_INPUT_WORK]] = sim->state.y[2 * m->nq + 1];
+    out[m->at[TS_THROUGHPUT]] = sim->state.y[2 * m->nq + 2];
     for (int i = 0, n = 0; i < m->count[TS_S]; i++)
-        if (m->beams[i]) sim->integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->curve[i].piece[sim->piece[i]].snapped;
+        if (m->packed.beams[i])
+            sim->io.integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->laws.curve[i].piece[sim->state.piece[i]].snapped;
 }
 
 /* Derivatives of positions and velocities, from f = [q', q'']. */
 static void node_rates(const ts_sim *sim, const double *f, double *out)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D], position = m->at[TS_POSITION] - sim->n_applied, velocity = m->at[TS_VELOCITY] - sim->n_applied;
+    int D = m->count[TS_D], position = m->at[TS_POSITION] - sim->io.n_applied,
+        velocity = m->at[TS_VELOCITY] - sim->io.n_applied;
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D; d++) {
             double v = 0.0, a = 0.0;
-            const double *base = sim->base_now + (3 * m->mover[n] + 1) * D;
-            if (m->mover[n] >= 0) v += base[d], a += base[D + d];
-            int b = m->node_block[n] * D + d, r = m->node_centre[n] * D + d, free = m->free_index[n];
-            if (m->node_centre[n] >= 0) v += f[r], a += f[m->nq + r];
-            if (m->node_block[n] >= 0) v += m->node_coef[n] * f[b], a += m->node_coef[n] * f[m->nq + b];
+            const double *base = sim->bases.now + (3 * m->drive.mover[n] + 1) * D;
+            if (m->drive.mover[n] >= 0) v += base[d], a += base[D + d];
+            int b = m->node.block[n] * D + d, r = m->node.centre[n] * D + d, free = m->node.free_index[n];
+            if (m->node.centre[n] >= 0) v += f[r], a += f[m->nq + r];
+            if (m->node.block[n] >= 0) v += m->node.coef[n] * f[b], a += m->node.coef[n] * f[m->nq + b];
             out[position + n * D + d] = v;
             if (free >= 0) out[velocity + free * D + d] = a;
         }
 }
 
-/* Outputs at y + shift f, that is on the tangent of the motion, into sim->values. */
+/* Outputs at y + shift f, that is on the tangent of the motion, into sim->io.values. */
 static void outputs_beside(ts_sim *sim, double tau, const double *y, const double *f, double shift)
 {
-    for (int i = 0; i < sim->m.ny; i++) sim->y[i] = y[i] + shift * f[i];
-    ts_rhs(sim, tau + shift, sim->y, sim->f0);
+    for (int i = 0; i < sim->m.ny; i++) sim->state.y[i] = y[i] + shift * f[i];
+    ts_rhs(sim, tau + shift, sim->state.y, sim->start.f);
     ts_outputs(sim, tau + shift);
 }
 
@@ -277,13 +285,13 @@ static void outputs_beside(ts_sim *sim, double tau, const double *y, const doubl
 static void add_differences(const ts_sim *sim, double clipped_rate, double *out)
 {
     const ts_model *m = &sim->m;
-    double *work = out + m->at[TS_INPUT_WORK] - sim->n_applied, *throughput = out + m->at[TS_THROUGHPUT] - sim->n_applied;
-    for (int i = 0; i < m->nq && !sim->forces_move; i++) {
-        double power = sim->Qf[i] * sim->y[m->nq + i];
+    double *work = out + m->at[TS_INPUT_WORK] - sim->io.n_applied, *throughput = out + m->at[TS_THROUGHPUT] - sim->io.n_applied;
+    for (int i = 0; i < m->nq && !sim->loads.move; i++) {
+        double power = sim->loads.Q[i] * sim->state.y[m->nq + i];
         *work += power;
         *throughput += fabs(power);
     }
-    out[m->at[TS_DISSIPATED] - sim->n_applied] -= clipped_rate;
+    out[m->at[TS_DISSIPATED] - sim->io.n_applied] -= clipped_rate;
     *throughput += fabs(clipped_rate);
 }
 
@@ -292,18 +300,18 @@ static void add_differences(const ts_sim *sim, double clipped_rate, double *out)
 void ts_tangent_outputs(ts_sim *sim, double tau, double *out)
 {
     const double shift = 1e-7; /* s */
-    int first = sim->n_applied, count = sim->m.n_real - first, ny = sim->m.ny;
-    double *y = sim->k, *f = sim->k + sim->m.stride;
-    memcpy(y, sim->y, sizeof(double) * (size_t)ny);
+    int first = sim->io.n_applied, count = sim->m.n_real - first, ny = sim->m.ny;
+    double *y = sim->attempt.k, *f = sim->attempt.k + sim->m.stride;
+    memcpy(y, sim->state.y, sizeof(double) * (size_t)ny);
     ts_rhs(sim, tau, y, f);
     outputs_beside(sim, tau, y, f, shift);
-    memcpy(out, sim->values + first, sizeof(double) * (size_t)count);
+    memcpy(out, sim->io.values + first, sizeof(double) * (size_t)count);
     double clipped = ts_clipped_energy(sim, tau + shift);
     outputs_beside(sim, tau, y, f, -shift);
     clipped = (clipped - ts_clipped_energy(sim, tau - shift)) / (2.0 * shift);
-    for (int i = 0; i < count; i++) out[i] = (out[i] - sim->values[first + i]) / (2.0 * shift);
-    memcpy(sim->y, y, sizeof(double) * (size_t)ny);
-    memcpy(sim->f0, f, sizeof(double) * (size_t)ny);
+    for (int i = 0; i < count; i++) out[i] = (out[i] - sim->io.values[first + i]) / (2.0 * shift);
+    memcpy(sim->state.y, y, sizeof(double) * (size_t)ny);
+    memcpy(sim->start.f, f, sizeof(double) * (size_t)ny);
     node_rates(sim, f, out);
     add_differences(sim, clipped, out);
 }

@@ -10,29 +10,29 @@
 void ts_bear(ts_sim *sim, int i)
 {
     const ts_model *m = &sim->m;
-    int taut = sim->taut[i];
-    double k = sim->values[m->at[TS_STIFFNESS] + i];
-    sim->k_on[i] = taut && !m->law[i] ? k : 0.0;
-    sim->d_on[i] = taut ? sim->values[m->at[TS_DAMPING] + i] : 0.0;
+    int taut = sim->on.taut[i];
+    double k = sim->io.values[m->at[TS_STIFFNESS] + i];
+    sim->on.k[i] = taut && !m->string.curved[i] ? k : 0.0;
+    sim->on.d[i] = taut ? sim->io.values[m->at[TS_DAMPING] + i] : 0.0;
 }
 
 /* Put a string on a piece. */
 void ts_place(ts_sim *sim, int i, int piece)
 {
     const ts_model *m = &sim->m;
-    const ts_curve *c = sim->curve + i;
+    const ts_curve *c = sim->laws.curve + i;
     int D = m->count[TS_D];
-    double size = sim->values[m->at[TS_REST_LENGTH] + i];
-    TS_ASSERT(sim->curves_ready && piece >= 0 && piece < c->pieces);
-    sim->piece[i] = piece;
-    sim->taut[i] = c->piece[piece].kind != TS_SLACK;
-    sim->lo[i] = c->piece[piece].lo;
-    sim->hi[i] = c->piece[piece].hi;
+    double size = sim->io.values[m->at[TS_REST_LENGTH] + i];
+    TS_ASSERT(sim->laws.ready && piece >= 0 && piece < c->pieces);
+    sim->state.piece[i] = piece;
+    sim->on.taut[i] = c->piece[piece].kind != TS_SLACK;
+    sim->on.lo[i] = c->piece[piece].lo;
+    sim->on.hi[i] = c->piece[piece].hi;
     for (int d = 0; d < D; d++) {
-        size += fabs(m->s0[i * D + d]);
-        for (int k = 0; k < m->term_count[i]; k++) size += fabs(sim->y[m->term[4 * i + k].offset + d]);
+        size += fabs(m->string.s0[i * D + d]);
+        for (int k = 0; k < m->string.term_count[i]; k++) size += fabs(sim->state.y[m->string.term[4 * i + k].offset + d]);
     }
-    sim->guard[i] = 2.0 * DBL_EPSILON * size;
-    if (!sim->taut[i] || m->damping_law != TS_TENSION_ONLY) sim->clipped[i] = 0;
+    sim->on.guard[i] = 2.0 * DBL_EPSILON * size;
+    if (!sim->on.taut[i] || m->damping_law != TS_TENSION_ONLY) sim->state.clipped[i] = 0;
     ts_bear(sim, i);
 }

@@ -65,14 +65,14 @@ static int other_implicit(int place) { return ROSENBROCK + RADAU - place; }
 static double cost_of(const ts_sim *sim, int place)
 {
     int D = sim->m.count[TS_D], S = sim->m.count[TS_S];
-    double blocks = (double)(D * D) * sim->pattern.entries / (S > 0 ? S : 1);
+    double blocks = (double)(D * D) * sim->linear.pattern.entries / (S > 0 ? S : 1);
     return choices[place].steps + choices[place].solves * blocks;
 }
 
 /* The longest step that a method may take in the present call, s: those of rodas5p end at communication points. */
 static double longest(const ts_sim *sim, int place)
 {
-    return place == ROSENBROCK || !sim->may_run_ahead ? fmin(sim->most, sim->call) : sim->most;
+    return place == ROSENBROCK || !sim->call.may_run_ahead ? fmin(sim->call.most, sim->call.length) : sim->call.most;
 }
 
 /* Work per simulated second with steps of length h, failed attempts included; where a call ends at its communication
@@ -133,8 +133,8 @@ static int promising(const ts_sim *sim, int place, double h) { return best_price
  * order pays, or where communication points, which its steps pass, are not far apart against an explicit step h. */
 static int choose_implicit(const ts_sim *sim, double h)
 {
-    int fine = sim->may_run_ahead && sim->call < FINE * h, place = sim->memory.choice.preferred;
-    if (!place) place = fine || sim->values[sim->m.at[TS_TOLERANCE]] < TIGHT ? RADAU : ROSENBROCK;
+    int fine = sim->call.may_run_ahead && sim->call.length < FINE * h, place = sim->memory.choice.preferred;
+    if (!place) place = fine || sim->io.values[sim->m.at[TS_TOLERANCE]] < TIGHT ? RADAU : ROSENBROCK;
     return promising(sim, place, h) ? place : other_implicit(place);
 }
 
@@ -276,13 +276,13 @@ void ts_review_rejection(ts_sim *sim)
 static double transient_step(ts_sim *sim, double tau)
 {
     int ny = sim->m.ny;
-    double tolerance = sim->values[sim->m.at[TS_TOLERANCE]], next = sim->memory.h_next;
-    double speed = ts_error_norm(sim, sim->f0, sim->y, sim->y) * tolerance, h = 1e-4 / speed;
+    double tolerance = sim->io.values[sim->m.at[TS_TOLERANCE]], next = sim->memory.h_next;
+    double speed = ts_error_norm(sim, sim->start.f, sim->state.y, sim->state.y) * tolerance, h = 1e-4 / speed;
     if (!(h > 0.0 && h < next)) return next;
-    for (int i = 0; i < ny; i++) sim->y1[i] = sim->y[i] + h * sim->f0[i];
-    ts_rhs(sim, tau + h, sim->y1, sim->f1);
-    for (int i = 0; i < ny; i++) sim->err[i] = sim->f1[i] - sim->f0[i];
-    double rate = ts_error_norm(sim, sim->err, sim->y, sim->y) * tolerance / (h * speed);
+    for (int i = 0; i < ny; i++) sim->ahead.y[i] = sim->state.y[i] + h * sim->start.f[i];
+    ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
+    for (int i = 0; i < ny; i++) sim->attempt.error[i] = sim->ahead.f[i] - sim->start.f[i];
+    double rate = ts_error_norm(sim, sim->attempt.error, sim->state.y, sim->state.y) * tolerance / (h * speed);
     return fmin(next, 0.5 * REACH / rate);
 }
 
@@ -294,7 +294,7 @@ void ts_review_restart(ts_sim *sim, double tau, double h)
     int place = place_in_use(sim);
     count(sim, place, h);
     if (place == EXPLICIT && c->incumbent < 0) review_cut(sim);
-    else if (!sim->force_jumps) return;
+    else if (!sim->call.force_jumps) return;
     else if (place != EXPLICIT) end_phase(sim, place, transient_step(sim, tau));
     else end_phase(sim, c->incumbent, sim->memory.h_next);
 }

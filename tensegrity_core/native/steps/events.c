@@ -22,14 +22,14 @@
 /* Untrimmed tension: positive where spring and damper together pull. */
 static double raw_tension(const ts_sim *sim, int i, double elongation, double rate, double *scale)
 {
-    double slope,
-        fs = ts_curve_force(sim->curve + i, sim->piece[i], elongation, sim->values[sim->m.at[TS_STIFFNESS] + i], &slope);
-    double fd = sim->values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
+    double slope, fs = ts_curve_force(sim->laws.curve + i, sim->state.piece[i], elongation,
+                                      sim->io.values[sim->m.at[TS_STIFFNESS] + i], &slope);
+    double fd = sim->io.values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
     *scale = fabs(fs) + fabs(fd);
     return fs + fd;
 }
 
-static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->taut[i]; }
+static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i]; }
 
 /* How a piece is called in a transition: without memory by its place in order of elongation, with memory by its snapped parts. */
 static int called(const ts_curve *c, int piece)
@@ -42,12 +42,12 @@ static int called(const ts_curve *c, int piece)
 static void note(ts_sim *sim, double tau, int i, int piece, double loss)
 {
     ts_memory *memory = &sim->memory;
-    int before = called(sim->curve + i, piece), after = called(sim->curve + i, sim->piece[i]);
+    int before = called(sim->laws.curve + i, piece), after = called(sim->laws.curve + i, sim->state.piece[i]);
     if (before == after && !(loss > 0.0)) return;
-    if (sim->transition_count < TS_MAX_TRANSITIONS)
-        sim->transitions[sim->transition_count] =
+    if (sim->told.count < TS_MAX_TRANSITIONS)
+        sim->told.transitions[sim->told.count] =
             MAKE(ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
-    sim->transition_count++;
+    sim->told.count++;
     memory->stats[TS_TRANSITIONS]++;
 }
 
@@ -56,21 +56,22 @@ static void note(ts_sim *sim, double tau, int i, int piece, double loss)
  * dissipate, J. */
 static double place_anew(ts_sim *sim, int i)
 {
-    const ts_curve *c = sim->curve + i;
+    const ts_curve *c = sim->laws.curve + i;
     double lost = 0.0, elongation, rate, scale;
-    ts_string_state(sim, 0.0, sim->y, i, &elongation, &rate);
-    if (c->branches) ts_place(sim, i, sim->piece[i]);
+    ts_string_state(sim, 0.0, sim->state.y, i, &elongation, &rate);
+    if (c->branches) ts_place(sim, i, sim->state.piece[i]);
     ts_place(sim, i,
-             c->branches ? ts_curve_walk(c, sim->piece[i], elongation, sim->guard[i], &lost) : ts_curve_piece(c, elongation));
-    const ts_piece *p = c->piece + sim->piece[i];
-    if (elongation - sim->lo[i] <= sim->guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
+             c->branches ? ts_curve_walk(c, sim->state.piece[i], elongation, sim->on.guard[i], &lost)
+                         : ts_curve_piece(c, elongation));
+    const ts_piece *p = c->piece + sim->state.piece[i];
+    if (elongation - sim->on.lo[i] <= sim->on.guard[i] && (c->branches ? rate < 0.0 : rate <= 0.0) && p->down >= 0) {
         lost += p->loss_down;
         ts_place(sim, i, p->down);
-    } else if (sim->hi[i] - elongation <= sim->guard[i] && rate > 0.0 && p->up >= 0) {
+    } else if (sim->on.hi[i] - elongation <= sim->on.guard[i] && rate > 0.0 && p->up >= 0) {
         lost += p->loss_up;
         ts_place(sim, i, p->up);
     }
-    if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
+    if (clips(sim, i)) sim->state.clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
     return lost;
 }
 
@@ -79,7 +80,7 @@ double ts_place_all(ts_sim *sim)
 {
     double lost = 0.0;
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        int piece = sim->piece[i];
+        int piece = sim->state.piece[i];
         double loss = place_anew(sim, i);
         note(sim, 0.0, i, piece, loss);
         lost += loss;
@@ -91,9 +92,9 @@ double ts_place_all(ts_sim *sim)
 static double excess(const ts_sim *sim, int which, double elongation, double rate)
 {
     int S = sim->m.count[TS_S], i = which % S;
-    if (which < S) return fmax(sim->lo[i] - elongation, elongation - sim->hi[i]) - sim->guard[i];
+    if (which < S) return fmax(sim->on.lo[i] - elongation, elongation - sim->on.hi[i]) - sim->on.guard[i];
     double scale, T = raw_tension(sim, i, elongation, rate, &scale);
-    return (sim->clipped[i] ? T : -T) - 1e-14 * (1.0 + scale);
+    return (sim->state.clipped[i] ? T : -T) - 1e-14 * (1.0 + scale);
 }
 
 typedef struct {
@@ -107,20 +108,20 @@ typedef struct {
 static void at_theta(const step *s, double theta, int i, double *elongation, double *rate)
 {
     ts_sim *sim = s->sim;
-    const ts_term *t = sim->m.term + 4 * i;
+    const ts_term *t = sim->m.string.term + 4 * i;
     int D = sim->m.count[TS_D], nq = sim->m.nq;
-    sim->looks++;
-    for (int k = 0; k < sim->m.term_count[i]; k++) {
-        s->method->interpolate(sim, theta, t[k].offset, D, sim->ytmp + t[k].offset);
-        s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->ytmp + nq + t[k].offset);
-        ts_project_block(sim, sim->ytmp, t[k].block);
+    sim->call.looks++;
+    for (int k = 0; k < sim->m.string.term_count[i]; k++) {
+        s->method->interpolate(sim, theta, t[k].offset, D, sim->attempt.y + t[k].offset);
+        s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->attempt.y + nq + t[k].offset);
+        ts_project_block(sim, sim->attempt.y, t[k].block);
     }
-    if (sim->m.winder[i] >= 0) {
-        int at = D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.winder[i]);
-        s->method->interpolate(sim, theta, at, 1, sim->ytmp + at);
-        s->method->interpolate(sim, theta, nq + at, 1, sim->ytmp + nq + at);
+    if (sim->m.drive.winder[i] >= 0) {
+        int at = D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.drive.winder[i]);
+        s->method->interpolate(sim, theta, at, 1, sim->attempt.y + at);
+        s->method->interpolate(sim, theta, nq + at, 1, sim->attempt.y + nq + at);
     }
-    ts_string_state(sim, s->tau + theta * s->h, sim->ytmp, i, elongation, rate);
+    ts_string_state(sim, s->tau + theta * s->h, sim->attempt.y, i, elongation, rate);
 }
 
 /* The excess and, for a crossing of a piece's end, its derivative by theta (else 0). */
@@ -129,7 +130,7 @@ static double excess_at(const step *s, double theta, int which, double *slope)
     double elongation, rate;
     int S = s->sim->m.count[TS_S];
     at_theta(s, theta, which % S, &elongation, &rate);
-    if (which < S) *slope = s->h * (elongation - s->sim->hi[which] > s->sim->lo[which] - elongation ? rate : -rate);
+    if (which < S) *slope = s->h * (elongation - s->sim->on.hi[which] > s->sim->on.lo[which] - elongation ? rate : -rate);
     else *slope = 0.0;
     return excess(s->sim, which, elongation, rate);
 }
@@ -139,7 +140,7 @@ static double excess_at(const step *s, double theta, int which, double *slope)
 static double locate(const step *s, int which, double a, double b)
 {
     double da, db, fa = excess_at(s, a, which, &da), fb = excess_at(s, b, which, &db), c = b - fb / db;
-    double enough = which < s->sim->m.count[TS_S] ? s->sim->guard[which] : 0.0;
+    double enough = which < s->sim->m.count[TS_S] ? s->sim->on.guard[which] : 0.0;
     if (fa > 0.0) return a;
     for (int n = 0, side = 0; n < 100 && fb > enough && b - a > DBL_EPSILON * b; n++) {
         double dc, fc;
@@ -214,7 +215,7 @@ static double turning_point(const step *s, int i, double a, double ra, double b,
 static double scan(const step *s, int i, double last, int samples)
 {
     ts_sim *sim = s->sim;
-    double a = 0.0, ra = sim->rate0[i];
+    double a = 0.0, ra = sim->start.rate[i];
     for (int n = 1; n <= samples; n++) {
         double b = last * n / samples, elongation, rb;
         at_theta(s, b, i, &elongation, &rb);
@@ -233,7 +234,8 @@ static double scan(const step *s, int i, double last, int samples)
  * cubic interpolation, SIAM Journal on Numerical Analysis 17, 1980, doi:10.1137/0717021). */
 static int one_way(const ts_sim *sim, int i, double h)
 {
-    double change = sim->elongation1[i] - sim->elongation0[i], r0 = h * sim->rate0[i], r1 = h * sim->rate1[i];
+    double change = sim->ahead.elongation[i] - sim->start.elongation[i], r0 = h * sim->start.rate[i],
+           r1 = h * sim->ahead.rate[i];
     if (change < 0.0) change = -change, r0 = -r0, r1 = -r1;
     return r0 >= 0.0 && r1 >= 0.0 && r0 <= 3.0 * change && r1 <= 3.0 * change;
 }
@@ -242,22 +244,23 @@ static int one_way(const ts_sim *sim, int i, double h)
  * reached. */
 static int may_graze(const ts_sim *sim, int i, double h)
 {
-    double r0 = sim->rate0[i], r1 = sim->rate1[i];
+    double r0 = sim->start.rate[i], r1 = sim->ahead.rate[i];
     if (one_way(sim, i, h)) return 0;
     if (!(r0 * r1 < 0.0)) {
         double reach = h * (fabs(r0) + fabs(r1));
-        return fmax(sim->elongation0[i], sim->elongation1[i]) + reach > sim->hi[i] ||
-               fmin(sim->elongation0[i], sim->elongation1[i]) - reach < sim->lo[i];
+        return fmax(sim->start.elongation[i], sim->ahead.elongation[i]) + reach > sim->on.hi[i] ||
+               fmin(sim->start.elongation[i], sim->ahead.elongation[i]) - reach < sim->on.lo[i];
     }
-    double meet = sim->elongation0[i] + r0 * (sim->elongation1[i] - sim->elongation0[i] - r1 * h) / (r0 - r1);
-    return meet > sim->hi[i] || meet < sim->lo[i];
+    double meet = sim->start.elongation[i] + r0 * (sim->ahead.elongation[i] - sim->start.elongation[i] - r1 * h) / (r0 - r1);
+    return meet > sim->on.hi[i] || meet < sim->on.lo[i];
 }
 
 /* May the tension of a string have changed its sign?  It did at a stage or at the end, or came closer to zero at the stages than
  * it varied among them. */
 static int may_clip(const ts_sim *sim, int i)
 {
-    return sim->sign_changed[i] || sim->margin_low[i] < sim->margin_high[i] - sim->margin_low[i];
+    return sim->strings.sign_changed[i] ||
+           sim->strings.margin_low[i] < sim->strings.margin_high[i] - sim->strings.margin_low[i];
 }
 
 /* First transition in the step just accepted from tau to tau + h: theta in [0, 1] and the watch that crossed; -1: none.
@@ -272,12 +275,12 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
     for (int w = 0; w < watches; w++) {
         int i = w % S;
         if (w >= S && !clips(sim, i)) continue;
-        int crossed = excess(sim, w, sim->elongation1[i], sim->rate1[i]) > 0.0;
-        int left = sim->elongation_low[i] < sim->lo[i] || sim->elongation_high[i] > sim->hi[i]; /* at some stage */
+        int crossed = excess(sim, w, sim->ahead.elongation[i], sim->ahead.rate[i]) > 0.0;
+        int left = sim->strings.lowest[i] < sim->on.lo[i] || sim->strings.highest[i] > sim->on.hi[i]; /* at some stage */
         if (!crossed && !(w < S ? left || may_graze(sim, i, h) : may_clip(sim, i))) continue;
-        if (!sim->dense_ready) {
+        if (!sim->ahead.ready) {
             method->densify(sim, tau, h);
-            sim->dense_ready = 1;
+            sim->ahead.ready = 1;
         }
         double last = first > 1.0 ? 1.0 : first;
         double theta = w < S ? scan(&s, i, last, one_way(sim, i, h) ? FEW_SAMPLES : SAMPLES) : scan_clipping(&s, w, last);
@@ -296,19 +299,19 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
 
 static void change_piece(ts_sim *sim, double tau, int i, int piece, double loss)
 {
-    int taut = sim->taut[i], before = sim->piece[i];
+    int taut = sim->on.taut[i], before = sim->state.piece[i];
     if (piece < 0) return; /* there is none */
     ts_place(sim, i, piece);
     note(sim, tau, i, before, loss);
-    sim->y[2 * sim->m.nq] += loss;
-    sim->y[2 * sim->m.nq + 2] += loss;
-    sim->force_jumps |= taut != sim->taut[i] || loss > 0.0; /* by its damper, by a snap with memory; else pieces join */
+    sim->state.y[2 * sim->m.nq] += loss;
+    sim->state.y[2 * sim->m.nq + 2] += loss;
+    sim->call.force_jumps |= taut != sim->on.taut[i] || loss > 0.0; /* by its damper, by a snap with memory; else pieces join */
 }
 
 /* A string leaves its piece at an end. */
 static void leave_piece(ts_sim *sim, double tau, int i, int up)
 {
-    const ts_piece *p = sim->curve[i].piece + sim->piece[i];
+    const ts_piece *p = sim->laws.curve[i].piece + sim->state.piece[i];
     change_piece(sim, tau, i, up ? p->up : p->down, up ? p->loss_up : p->loss_down);
 }
 
@@ -316,8 +319,8 @@ static void leave_piece(ts_sim *sim, double tau, int i, int up)
 static void review_clipping(ts_sim *sim, int i, double elongation, double rate)
 {
     double scale;
-    if (clips(sim, i) && (sim->curve[i].branches || (sim->piece[i] == 1 && !sim->clipped[i])))
-        sim->clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
+    if (clips(sim, i) && (sim->laws.curve[i].branches || (sim->state.piece[i] == 1 && !sim->state.clipped[i])))
+        sim->state.clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
 }
 
 /* Carry out the transition that was located at the present state, and those of strings that stand at an end too and move
@@ -326,16 +329,17 @@ void ts_switch(ts_sim *sim, double tau, int which)
 {
     int S = sim->m.count[TS_S];
     TS_ASSERT(which >= 0 && which < 2 * S);
-    sim->force_jumps = 0;
+    sim->call.force_jumps = 0;
     for (int i = 0; i < S; i++) {
         double elongation, rate;
-        int before = sim->piece[i];
-        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
-        if (i == which) leave_piece(sim, tau, i, elongation - sim->hi[i] > sim->lo[i] - elongation);
-        else if (elongation - sim->hi[i] >= -2.0 * sim->guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
-        else if (sim->lo[i] - elongation >= -2.0 * sim->guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
+        int before = sim->state.piece[i];
+        ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
+        if (i == which) leave_piece(sim, tau, i, elongation - sim->on.hi[i] > sim->on.lo[i] - elongation);
+        else if (elongation - sim->on.hi[i] >= -2.0 * sim->on.guard[i] && rate > 0.0) leave_piece(sim, tau, i, 1);
+        else if (sim->on.lo[i] - elongation >= -2.0 * sim->on.guard[i] && rate < 0.0) leave_piece(sim, tau, i, 0);
         else if (i + S != which) continue;
-        if (i + S == which && sim->piece[i] == before) sim->clipped[i] = !sim->clipped[i]; /* where the tension is 0: no jump */
+        if (i + S == which && sim->state.piece[i] == before)
+            sim->state.clipped[i] = !sim->state.clipped[i]; /* where the tension is 0: no jump */
         else review_clipping(sim, i, elongation, rate);
     }
 }
@@ -344,13 +348,14 @@ void ts_switch(ts_sim *sim, double tau, int which)
 void ts_catch_up(ts_sim *sim, double tau)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        const ts_curve *c = sim->curve + i;
+        const ts_curve *c = sim->laws.curve + i;
         double elongation, rate, scale, lost = 0.0;
-        ts_string_state(sim, tau, sim->y, i, &elongation, &rate);
+        ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
         if (excess(sim, i, elongation, rate) > 0.0) {
-            int piece = c->branches ? ts_curve_walk(c, sim->piece[i], elongation, 0.0, &lost) : ts_curve_piece(c, elongation);
+            int piece =
+                c->branches ? ts_curve_walk(c, sim->state.piece[i], elongation, 0.0, &lost) : ts_curve_piece(c, elongation);
             change_piece(sim, tau, i, piece, lost);
         }
-        if (clips(sim, i)) sim->clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
+        if (clips(sim, i)) sim->state.clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
     }
 }

@@ -36,7 +36,7 @@ static int fail(ts_sim *sim, int status)
 #include "errors.def"
 #undef TS_ERROR
     };
-    strncpy(sim->message, texts[status], sizeof sim->message - 1);
+    strncpy(sim->told.message, texts[status], sizeof sim->told.message - 1);
     return status;
 }
 
@@ -44,13 +44,13 @@ static int fail(ts_sim *sim, int status)
 static double first_step(ts_sim *sim, const ts_method *method, double tau, double most)
 {
     int ny = sim->m.ny;
-    double tolerance = sim->values[sim->m.at[TS_TOLERANCE]];
-    double d1 = ts_error_norm(sim, sim->f0, sim->y, sim->y) * tolerance; /* per second, relative to 1 + |y| */
+    double tolerance = sim->io.values[sim->m.at[TS_TOLERANCE]];
+    double d1 = ts_error_norm(sim, sim->start.f, sim->state.y, sim->state.y) * tolerance; /* per second, relative to 1 + |y| */
     double h0 = d1 > 1e-5 ? fmin(0.01 / d1, most) : fmin(1e-6, most);
-    for (int i = 0; i < ny; i++) sim->y1[i] = sim->y[i] + h0 * sim->f0[i];
-    ts_rhs(sim, tau + h0, sim->y1, sim->f1);
-    for (int i = 0; i < ny; i++) sim->err[i] = sim->f1[i] - sim->f0[i];
-    double d2 = ts_error_norm(sim, sim->err, sim->y, sim->y) * tolerance / h0, d = fmax(d1, d2);
+    for (int i = 0; i < ny; i++) sim->ahead.y[i] = sim->state.y[i] + h0 * sim->start.f[i];
+    ts_rhs(sim, tau + h0, sim->ahead.y, sim->ahead.f);
+    for (int i = 0; i < ny; i++) sim->attempt.error[i] = sim->ahead.f[i] - sim->start.f[i];
+    double d2 = ts_error_norm(sim, sim->attempt.error, sim->state.y, sim->state.y) * tolerance / h0, d = fmax(d1, d2);
     double h1 = d <= 1e-15 ? fmax(1e-6, 1e-3 * h0) : pow(tolerance / d, method->exponent);
     double h = fmin(100.0 * h0, h1);
     return h > 0.0 ? fmin(h, most) : most; /* NaN: the error test will see it */
@@ -58,8 +58,8 @@ static double first_step(ts_sim *sim, const ts_method *method, double tau, doubl
 
 static void make_dense(ts_sim *sim, const ts_method *method, double tau, double h)
 {
-    if (!sim->dense_ready) method->densify(sim, tau, h);
-    sim->dense_ready = 1;
+    if (!sim->ahead.ready) method->densify(sim, tau, h);
+    sim->ahead.ready = 1;
 }
 
 /* Integrals of the ledger up to theta of a step whose stages did not carry them: Gauss points of dense output. */
@@ -68,11 +68,11 @@ static void integrate_ledger(ts_sim *sim, const ts_method *method, const ts_span
     static const double node[3] = {0.1127016653792583, 0.5, 0.8872983346207417};
     static const double weight[3] = {5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0};
     int n = 2 * sim->m.nq;
-    for (int k = 0; k < TS_LEDGER; k++) ledger[k] = sim->cont[n + k];
+    for (int k = 0; k < TS_LEDGER; k++) ledger[k] = sim->ahead.dense[n + k];
     for (int g = 0; g < 3; g++) {
         double p[TS_LEDGER], at = theta * node[g];
-        method->interpolate(sim, at, 0, n, sim->err);
-        ts_power(sim, span->start + at * span->h, sim->err, p);
+        method->interpolate(sim, at, 0, n, sim->attempt.error);
+        ts_power(sim, span->start + at * span->h, sim->attempt.error, p);
         for (int k = 0; k < TS_LEDGER; k++) ledger[k] += weight[g] * theta * span->h * p[k];
     }
 }
@@ -82,9 +82,9 @@ static void integrate_ledger(ts_sim *sim, const ts_method *method, const ts_span
 static void settle_ledger(ts_sim *sim, const ts_span *span, double theta)
 {
     int nq = sim->m.nq;
-    double *ledger = sim->y + 2 * nq, clipped = span->clipped;
-    for (int i = 0; i < nq && !sim->forces_move; i++) {
-        double work = sim->Qf[i] * (sim->y[i] - sim->cont[i]);
+    double *ledger = sim->state.y + 2 * nq, clipped = span->clipped;
+    for (int i = 0; i < nq && !sim->loads.move; i++) {
+        double work = sim->loads.Q[i] * (sim->state.y[i] - sim->ahead.dense[i]);
         ledger[1] += work;
         ledger[2] += fabs(work);
     }
@@ -101,10 +101,10 @@ static void state_at(ts_sim *sim, const ts_span *span, double theta)
     int n = 2 * sim->m.nq, in_stages = method->flags & TS_LEDGER_IN_STAGES;
     TS_ASSERT(theta >= 0.0 && theta <= 1.0 + 1e-9);
     make_dense(sim, method, span->start, span->h);
-    method->interpolate(sim, theta, 0, in_stages ? sim->m.ny : n, sim->ytmp);
-    if (!in_stages) integrate_ledger(sim, method, span, theta, sim->ytmp + n);
-    memcpy(sim->y, sim->ytmp, sizeof(double) * (size_t)sim->m.ny);
-    ts_project(sim, sim->y);
+    method->interpolate(sim, theta, 0, in_stages ? sim->m.ny : n, sim->attempt.y);
+    if (!in_stages) integrate_ledger(sim, method, span, theta, sim->attempt.y + n);
+    memcpy(sim->state.y, sim->attempt.y, sizeof(double) * (size_t)sim->m.ny);
+    ts_project(sim, sim->state.y);
     settle_ledger(sim, span, theta);
 }
 
@@ -113,9 +113,9 @@ static void to_the_end(ts_sim *sim, const ts_span *span)
     const ts_method *method = methods[span->method];
     if (!(method->flags & TS_LEDGER_IN_STAGES)) {
         make_dense(sim, method, span->start, span->h);
-        integrate_ledger(sim, method, span, 1.0, sim->y1 + 2 * sim->m.nq);
+        integrate_ledger(sim, method, span, 1.0, sim->ahead.y + 2 * sim->m.nq);
     }
-    memcpy(sim->y, sim->y1, sizeof(double) * (size_t)sim->m.ny);
+    memcpy(sim->state.y, sim->ahead.y, sizeof(double) * (size_t)sim->m.ny);
     settle_ledger(sim, span, 1.0);
 }
 
@@ -130,10 +130,10 @@ static int all_finite(const ts_sim *sim, const double *y)
 static void restart(ts_sim *sim, double tau)
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
-    ts_rhs(sim, tau, sim->y, sim->f0);
-    memcpy(sim->elongation0, sim->elongation, bytes);
-    memcpy(sim->rate0, sim->elongation_rate, bytes);
-    sim->jacobian_ready = 0;
+    ts_rhs(sim, tau, sim->state.y, sim->start.f);
+    memcpy(sim->start.elongation, sim->strings.elongation, bytes);
+    memcpy(sim->start.rate, sim->strings.rate, bytes);
+    sim->linear.ready = 0;
     sim->memory.joined = 0.0;
 }
 
@@ -143,12 +143,12 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_span *span = &sim->memory.span;
-    ts_project(sim, sim->y1);
+    ts_project(sim, sim->ahead.y);
     method->accept(sim, tau, h);
-    memcpy(sim->elongation1, sim->elongation, bytes);
-    memcpy(sim->rate1, sim->elongation_rate, bytes);
-    memcpy(sim->cont, sim->y, sizeof(double) * (size_t)sim->m.stride);
-    sim->dense_ready = 0;
+    memcpy(sim->ahead.elongation, sim->strings.elongation, bytes);
+    memcpy(sim->ahead.rate, sim->strings.rate, bytes);
+    memcpy(sim->ahead.dense, sim->state.y, sizeof(double) * (size_t)sim->m.stride);
+    sim->ahead.ready = 0;
     sim->memory.joined = 0.0;
     if (method->flags & TS_ALWAYS_DENSE) make_dense(sim, method, tau, h);
     int which = -1, doubtful = 0;
@@ -180,10 +180,10 @@ static int close_span(ts_sim *sim, double tau)
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_span span = sim->memory.span;
     sim->memory.span.h = 0.0;
-    sim->jacobian_ready = 0;
+    sim->linear.ready = 0;
     if (span.which >= 0) {
         state_at(sim, &span, span.reach);
-        if (!all_finite(sim, sim->y)) return BROKEN;
+        if (!all_finite(sim, sim->state.y)) return BROKEN;
         sim->memory.stats[TS_RESTARTS]++;
         ts_switch(sim, tau, span.which);
         restart(sim, tau);
@@ -191,9 +191,9 @@ static int close_span(ts_sim *sim, double tau)
         return SWITCHED;
     }
     to_the_end(sim, &span);
-    memcpy(sim->f0, sim->f1, sizeof(double) * (size_t)sim->m.stride);
-    memcpy(sim->elongation0, sim->elongation1, bytes);
-    memcpy(sim->rate0, sim->rate1, bytes);
+    memcpy(sim->start.f, sim->ahead.f, sizeof(double) * (size_t)sim->m.stride);
+    memcpy(sim->start.elongation, sim->ahead.elongation, bytes);
+    memcpy(sim->start.rate, sim->ahead.rate, bytes);
     ts_review_step(sim, span.h);
     return ENDED;
 }
@@ -223,7 +223,7 @@ static int finish_open_span(ts_sim *sim, double end, double *tau)
         restart(sim, 0.0);
         return 1;
     }
-    sim->dense_ready = 1;
+    sim->ahead.ready = 1;
     *tau = fmin(span_end(span), end);
     return close_span(sim, *tau) != BROKEN;
 }
@@ -261,7 +261,7 @@ static void look_ahead(const ts_method *method, plan *p)
 static plan make_plan(const ts_sim *sim, double end, int may_run_ahead)
 {
     const ts_method *method = methods[sim->memory.active];
-    double longest = sim->values[sim->m.at[TS_MAX_STEP]];
+    double longest = sim->io.values[sim->m.at[TS_MAX_STEP]];
     int fixed = (method->flags & TS_FIXED_STEP) != 0;
     if (!(longest > 0.0)) longest = fixed ? FIXED_STEP : INFINITY;
     plan p = {end, longest, may_run_ahead, 0, 1, 0, 0};
@@ -281,8 +281,9 @@ static double work_done(const ts_sim *sim)
 {
     const int64_t *done = sim->memory.stats;
     double parts = 1.0 + sim->m.count[TS_S] + sim->m.count[TS_B], attempts = (double)(done[TS_STEPS] + done[TS_REJECTED]);
-    double solved = 14.0 * parts * (double)done[TS_JACOBIANS] + 8.0 * sim->pattern.entries * (double)done[TS_FACTORISATIONS];
-    return parts * ((double)done[TS_RHS] + 4.0 * attempts) + solved + 4.0 * (double)sim->looks;
+    double solved =
+        14.0 * parts * (double)done[TS_JACOBIANS] + 8.0 * sim->linear.pattern.entries * (double)done[TS_FACTORISATIONS];
+    return parts * ((double)done[TS_RHS] + 4.0 * attempts) + solved + 4.0 * (double)sim->call.looks;
 }
 
 /* Portions of work that a call of this length may take. */
@@ -310,25 +311,27 @@ static double controlled(const ts_method *method, double err, double last)
 static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, int last)
 {
     ts_memory *memory = &sim->memory;
-    memset(sim->sign_changed, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
+    memset(sim->strings.sign_changed, 0, sizeof(int32_t) * (size_t)sim->m.count[TS_S]);
     for (int i = 0; sim->m.damping_law == TS_TENSION_ONLY && i < sim->m.count[TS_S]; i++)
-        sim->margin_low[i] = INFINITY, sim->margin_high[i] = -INFINITY;
-    memcpy(sim->elongation_low, sim->elongation0, sizeof(double) * (size_t)sim->m.count[TS_S]);
-    memcpy(sim->elongation_high, sim->elongation0, sizeof(double) * (size_t)sim->m.count[TS_S]);
+        sim->strings.margin_low[i] = INFINITY, sim->strings.margin_high[i] = -INFINITY;
+    memcpy(sim->strings.lowest, sim->start.elongation, sizeof(double) * (size_t)sim->m.count[TS_S]);
+    memcpy(sim->strings.highest, sim->start.elongation, sizeof(double) * (size_t)sim->m.count[TS_S]);
     TS_ASSERT(h > 0.0 && tau >= 0.0);
-    sim->shrink = 0.1;
-    sim->growth = method->growth;
+    sim->attempt.shrink = 0.1;
+    sim->attempt.growth = method->growth;
     sim->memory.choice.taken = 1.0;
     double err = method->attempt(sim, tau, h);
-    if (method->flags & TS_FIXED_STEP && !all_finite(sim, sim->y1)) err = NAN;
+    if (method->flags & TS_FIXED_STEP && !all_finite(sim, sim->ahead.y)) err = NAN;
     if (!(err <= 1.0)) {
         memory->stats[TS_REJECTED]++;
-        memory->h_next = h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : sim->shrink);
+        memory->h_next =
+            h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : sim->attempt.shrink);
         sim->memory.rejected++;
         ts_review_rejection(sim);
         return 0;
     }
-    double grow = err > 0.0 ? fmin(sim->growth, SAFETY * controlled(method, err, memory->err_last)) : sim->growth;
+    double grow =
+        err > 0.0 ? fmin(sim->attempt.growth, SAFETY * controlled(method, err, memory->err_last)) : sim->attempt.growth;
     memory->err_last = err;
     if (sim->memory.rejected && grow > 1.0) grow = 1.0;
     if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
@@ -347,15 +350,15 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     plan p = make_plan(sim, end, may_run_ahead);
     int fixed = (methods[memory->active]->flags & TS_FIXED_STEP) != 0;
     look_ahead(methods[memory->active], &p);
-    sim->call = end;
-    sim->may_run_ahead = may_run_ahead;
+    sim->call.length = end;
+    sim->call.may_run_ahead = may_run_ahead;
     budget b = {work_done(sim), PORTION, 0.0};
     if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end))
         return fail(sim, TS_WORK_LIMIT);
-    sim->most = p.longest;
+    sim->call.most = p.longest;
     if (!(memory->h_next > LEAST_STEP * end)) memory->h_next = 0.0; /* a call so much shorter says nothing of this one */
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
-    if (!all_finite(sim, sim->f0)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
+    if (!all_finite(sim, sim->start.f)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     while (tau < end) {
         int last, stiff = memory->stiff;
         double err_last = memory->err_last;
@@ -370,7 +373,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
             if (fixed) return fail(sim, TS_UNSTABLE);
             continue;
         }
-        int locate = !sim->unlocated && (!method->splits || p.splits < method->splits);
+        int locate = !sim->call.unlocated && (!method->splits || p.splits < method->splits);
         if (open_span(sim, method, tau, h, locate) && !fixed && memory->rejected < RETAKES) {
             retake(sim, h, err_last, stiff);
             continue;
@@ -390,7 +393,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
             if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, fixed ? TS_UNSTABLE : TS_CHATTERING);
         } else {
             stuck = 0;
-            if (!locate && !sim->unlocated) {
+            if (!locate && !sim->call.unlocated) {
                 ts_catch_up(sim, reached);
                 restart(sim, reached);
             }
@@ -406,7 +409,7 @@ void ts_recall(ts_sim *sim)
 {
     ts_span *span = &sim->memory.span;
     if (!(span->h > 0.0)) return;
-    sim->dense_ready = 1;
+    sim->ahead.ready = 1;
     state_at(sim, span, -span->start / span->h);
 }
 
@@ -419,7 +422,7 @@ void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead)
     if (!(memory->span.h > 0.0)) {
         memset(&memory->span, 0, sizeof memory->span);
         memory->joined = 0.0;
-        memset(ahead, 0, one * sim->ahead_size);
+        memset(ahead, 0, one * sim->ahead.size);
         return;
     }
     const ts_method *method = methods[memory->span.method];

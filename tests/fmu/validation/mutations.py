@@ -173,8 +173,8 @@ SOURCES = {
     "work of rest lengths": ("motion/motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
     "moving rest length": (
         "motion/motion.c",
-        "rest[i] + (sim->rest_rate[i]",
-        "rest[i] + (1.00001 * sim->rest_rate[i]",
+        "rest.length[i] + (sim->rest.rate[i]",
+        "rest.length[i] + (1.00001 * sim->rest.rate[i]",
         "six_bar",
     ),
     "force of a beam": (
@@ -186,7 +186,12 @@ SOURCES = {
     "stop of a beam": ("laws/rise.c", "r->stopped += ", "r->stopped += 1.00001 * ", "two_bar_nsh"),
     "work of drag": ("motion/drives.c", "* dot(speed, speed, D);", "* 1.00001 * dot(speed, speed, D);", "laboratory"),
     "loss of a motor": ("motion/drives.c", "p[0] += drive.loss * speed", "p[0] += 1.00001 * drive.loss * speed", "wound"),
-    "bar of a moved node": ("motion/outputs.c", "sum += sim->laden", "sum += 1.00001 * sim->laden", "laboratory"),
+    "bar of a moved node": (
+        "motion/outputs.c",
+        "sum += sim->inertia.laden",
+        "sum += 1.00001 * sim->inertia.laden",
+        "laboratory",
+    ),
     "weight of the method": (
         "methods/dop853_tableau.h",
         "{0.054293734116568765, 0, 0, 0",
