@@ -28,7 +28,7 @@ from .interrupts import held_back
 try:
     import fcntl
 except ModuleNotFoundError:  # Windows, where a file that is open cannot be removed
-    fcntl = None
+    fcntl = None  # type: ignore[assignment]
 
 #: What is temporary is called so, files and folders alike.
 TEMPORARY = re.compile(r"\.tensegrity-[0-9a-f]{16}\.tmp")

@@ -72,9 +72,13 @@ class Requests:
         weakref.finalize(error, self._repeat, error.number).atexit = False
         return error
 
+    def _send_again(self, number: int) -> None:
+        if not self.over:
+            _send(number)
+
     def _repeat(self, number: int) -> None:
         if not self.over:
-            timer = threading.Timer(_AGAIN, lambda: self.over or _send(number))
+            timer = threading.Timer(_AGAIN, self._send_again, (number,))
             timer.daemon = True
             timer.start()
 
@@ -111,10 +115,11 @@ def interruptible(run: Callable[[], int]) -> int:
 
 def _send(number: int) -> None:
     """A signal to the main thread; where the system can, it also wakes it."""
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident, number)
+    main = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and main is not None:
+        signal.pthread_kill(main, number)
     else:
-        _thread.interrupt_main(number)
+        _thread.interrupt_main(signal.Signals(number))
 
 
 @contextmanager

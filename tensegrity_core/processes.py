@@ -29,7 +29,7 @@ class Workers(ProcessPoolExecutor):
     def __init__(self, count: int | None = None):
         context = multiprocessing.get_context("spawn")
         self._pipe, self._lifeline = context.Pipe(duplex=False)
-        self._started: list[multiprocessing.Process] = []
+        self._started: list[multiprocessing.process.BaseProcess] = []
         with held_back(TERMINAL):  # it starts a process that looks after semaphores
             super().__init__(min(count or os.cpu_count() or 1, MOST), context, initializer=_attach, initargs=(self._pipe,))
 
@@ -62,8 +62,10 @@ def run(command: list[str], folder: Path | None = None, timeout: float | None = 
     reading, writing = os.pipe()
     try:
         with held_back(TERMINAL):
-            pipes = {"stdin": reading, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-            process = subprocess.Popen(command, cwd=folder, text=True, errors="replace", **pipes)
+            pipe = subprocess.PIPE
+            process = subprocess.Popen(
+                command, cwd=folder, text=True, errors="replace", stdin=reading, stdout=pipe, stderr=pipe
+            )
         with process:
             try:
                 out, err = process.communicate(timeout=timeout)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tensegrity_core.model import Model
+from tensegrity_core.model import Actuator, Model
 
 #: The only variables of the FMU: field -> name, and role where it differs from the field's own.
 SHOWN = {
@@ -47,13 +47,13 @@ def detached(model: Model) -> tuple[Model, dict[str, ActuatorModel]]:
     Connect `S.force` of the structure to `tension` of the actuator, `rest_length` and `rest_length_rate` of the actuator to
     `S.rest_length` and `S.rest_length_rate` of the structure.
     """
-    bare = replace(model, actuator=(None,) * len(model.strings), current=(), drum_load=())
-    return bare, {model.string_names[i]: _alone(model, a, i) for a, i in enumerate(model.actuated)}
+    bare = replace(model, actuator=(None,) * len(model.strings), current=np.zeros(0), drum_load=np.zeros(0))
+    return bare, {model.string_names[i]: _alone(model, a, i, motor) for a, (i, motor) in enumerate(model.motors.items())}
 
 
-def _alone(model: Model, a: int, i: int) -> ActuatorModel:
+def _alone(model: Model, a: int, i: int, motor: Actuator) -> ActuatorModel:
     """The actuator number a, which winds string i, between two anchors of its own; a load holds its start current."""
-    motor, name = model.actuator[i], model.string_names[i]
+    name = model.string_names[i]
     rest, current = float(model.rest_length[i]), float(model.current[a])
     nodes = np.array([[0.0, 0.0, 0.0], [rest, 0.0, 0.0]])
     return ActuatorModel(
@@ -64,18 +64,18 @@ def _alone(model: Model, a: int, i: int) -> ActuatorModel:
         bar_names=(),
         string_names=(name,),
         nodes=nodes,
-        fixed=[True, True],
-        bars=[],
-        bar_mass=[],
-        strings=[[0, 1]],
-        stiffness=[0.0],
-        damping=[0.0],
-        rest_length=[rest],
+        fixed=np.array([True, True]),
+        bars=np.zeros((0, 2), dtype=int),
+        bar_mass=np.zeros(0),
+        strings=np.array([[0, 1]]),
+        stiffness=np.zeros(1),
+        damping=np.zeros(1),
+        rest_length=np.array([rest]),
         nsh=(None,),
         damping_law="literal",
         gravity=0.0,
         nominal=nodes,
         actuator=(motor,),
-        current=[current],
-        drum_load=[motor.torque_constant * current / motor.radius],
+        current=np.array([current]),
+        drum_load=np.array([motor.torque_constant * current / motor.radius]),
     )

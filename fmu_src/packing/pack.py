@@ -179,8 +179,8 @@ def licence_of(package: str) -> bytes:
 
 
 def _licence_of(package: str) -> bytes | None:
-    if package == DISTRIBUTION and clone() is not None:
-        return (clone() / "LICENSE").read_bytes()
+    if package == DISTRIBUTION and (root := clone()) is not None:
+        return (root / "LICENSE").read_bytes()
     try:
         listed = metadata.files(package) or []
     except metadata.PackageNotFoundError:

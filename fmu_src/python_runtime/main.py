@@ -58,6 +58,8 @@ def package():
         folder = os.path.join(FOLDER, PRIVATE)
         start = os.path.join(folder, "__init__.py")
         spec = importlib.util.spec_from_file_location(PRIVATE, start, submodule_search_locations=[folder])
+        if spec is None or spec.loader is None:
+            raise ImportError(f"{start} is no Python file that can be imported")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         sys.modules.setdefault(PRIVATE, module)

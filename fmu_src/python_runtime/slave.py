@@ -16,6 +16,7 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -89,7 +90,7 @@ class TensegritySlave(Fmi2Slave):
         if guid != self._table.guid:
             raise Refused(Fmi2Status.error, f"the GUID {guid[:100]} is not that of this FMU, {self._table.guid}")
 
-    def set_debug_logging(self, on: bool, categories: list):
+    def set_debug_logging(self, on: bool, categories: list[str] | None):
         if categories is None:
             self.null_pointer("fmi2SetDebugLogging")
         self._asked.update(dict.fromkeys(ASKED, on and not categories))
@@ -113,10 +114,10 @@ class TensegritySlave(Fmi2Slave):
         why = f"must not be called {MODE_NAMES[self._state.mode]}"
         return self._error(what, why) if self._state.mode == ERROR else self._refused(what, why)
 
-    def null_pointer(self, what):
+    def null_pointer(self, what) -> NoReturn:
         raise self._refused(what, "a null pointer was passed")
 
-    def short_vector(self):
+    def short_vector(self) -> NoReturn:
         raise self._refused("fmi2SerializeFMUstate", "the vector is too short; ask fmi2SerializedFMUstateSize")
 
     def fail(self):

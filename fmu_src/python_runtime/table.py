@@ -23,7 +23,7 @@ class Group(NamedTuple):
     """The references of one call.  index: into the block; bounded: places in the call, and bounds, of those that have any;
     settable: modes in which all are."""
 
-    index: np.ndarray | slice
+    index: np.ndarray | slice  # type: ignore[assignment]  # not the method of tuples
     bounded: list[tuple[int, float, float]]
     settable: int
 

@@ -186,7 +186,7 @@ def main(job_path, result_path, *options):
     os.chdir(os.path.abspath(os.sep))  # lxml wants a current folder whose name is UTF-8; all paths here are absolute
     description = read_model_description(job["fmu"])
     folder = extract(job["fmu"], unzipdir=os.path.join(os.path.dirname(result_path), "fmu"))
-    result, strings = {}, []
+    result, strings = {}, []  # type: ignore[var-annotated]
     for item in job["runs"]:
         arrays = np.load(item["arrays"])
         instance = Instance(description, folder, item["name"], True, CATEGORIES)

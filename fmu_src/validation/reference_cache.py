@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -92,13 +93,14 @@ def cached(
         try:
             write(path, _pack(result, key))
         except (OSError, TensegrityError) as error:
-            say(_words(folder, error))
+            say(_words(path.parent, error))
     return result, False
 
 
 def _pack(result: Result, key: str) -> bytes:
     events = np.array([(t.time, t.string, t.before, t.after) for t in result.transitions]).reshape(-1, 4)
-    arrays, stats = {"times": result.times, "transitions": events, **result.outputs}, result.stats
+    stats = result.stats
+    arrays: dict[str, Any] = {"times": result.times, "transitions": events, **result.outputs}
     buffer = io.BytesIO()
     np.savez(buffer, stat_names=np.array(list(stats), dtype=str), stat_values=np.array(list(stats.values())), **arrays)
     body = key.encode() + buffer.getvalue()

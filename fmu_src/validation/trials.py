@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ AFFORDABLE = 60_000
 #: How the reference integrates, whatever the damping: a stiff run is as short as that asks for.
 METHOD = "DOP853"
 #: What counts them: the kernel's method of that kind.
-COUNTING = {"method": "dop853", "tolerance": 1e-11}
+COUNTING: dict[str, Any] = {"method": "dop853", "tolerance": 1e-11}
 #: Strengths of the drive that are tried, and of the blows, in terms of `_force_scale`.
 STRENGTHS, BLOW = (2.0, 4.0, 8.0, 16.0), 8.0
 #: Largest part of a rest length that a drive takes away or adds, and the part beyond the last piece of a force curve.

@@ -16,6 +16,7 @@ import time
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,8 +50,8 @@ TIGHT = (1e-12, 2e-13)
 #: The start error, m and m/s, that the FMU may be worth then; at its own tolerance LARGER times as much.
 START_ERROR = 1e-9
 #: Settings of the reference: keyword arguments of reference.simulate; and those of another run where a comparison fails.
-SETTINGS = {"rtol": 1e-12, "atol": 1e-13}
-TIGHTER = {"rtol": 1e-13, "atol": 1e-14}
+SETTINGS: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
+TIGHTER: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-14}
 
 
 class ValidationError(TensegrityError):
@@ -159,7 +160,7 @@ def run_outside(
     with scratch() as here:
         script = here / "outside.py"
         write_bytes(script, (HERE / "outside.py").read_bytes())
-        job = {"fmu": str(fmu.absolute()), "runs": []}
+        job: dict[str, Any] = {"fmu": str(fmu.absolute()), "runs": []}
         for i, run in enumerate(runs):
             with replacing(here / f"{i}.npz") as file:
                 np.savez(file, times=run.inputs.times, values=input_values(run))
@@ -217,7 +218,8 @@ def reference_settings(run: Scenario, again: bool = False) -> dict:
 
 def reference_run(run: Scenario, cache: Path | None, again: bool = False) -> Reference:
     """In a worker: the reference under a scenario, and the scenario's spreads, in which the FMU under test has no part."""
-    began, notes = time.process_time(), []
+    began = time.process_time()
+    notes: list[str] = []
     settings = reference_settings(run, again)
     key = reference_key(run.model, run.inputs, settings)
     result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings), notes.append)
@@ -272,7 +274,9 @@ def judged(run: Scenario, found: list, future: Future, again: bool = False) -> R
     small, large = right.spreads
     (fmu, events, seconds), *others = found
     own = compare(right.result, fmu, events, large, longest)
-    tight = [compare(right.result, *one[:2], small, longest, tolerance) for one, tolerance in zip(others, TIGHT, strict=True)]
+    tight = [
+        compare(right.result, one[0], one[1], small, longest, tolerance) for one, tolerance in zip(others, TIGHT, strict=True)
+    ]
     best = min(tight, key=lambda one: (len(one.failures), one.part))
     return Run(run, right.result, fmu, own, best, seconds, right.cached, again)
 

@@ -71,9 +71,9 @@ class _Table:
         for name, place in layout(model.counts, INTEGER_FIELDS).items():
             self.places[name] = slice(reals + place.start, reals + place.stop)
         self.first_beam, beams = {}, 0
-        for s in model.nsh_strings:
+        for s, nsh in model.honeycombs.items():
             self.first_beam[s] = beams
-            beams += len(model.nsh[s].Q)
+            beams += len(nsh.Q)
         self.mover = {node: i for i, node in enumerate(model.moving)}
         for a, b in model.bars.tolist():
             for node, other in ((a, b), (b, a)):
@@ -121,9 +121,9 @@ class _Table:
 
     def curve(self, s: int) -> set[int]:
         """The shape of a string's NSH."""
-        if self.model.nsh[s] is None:
+        if s not in self.model.honeycombs:
             return set()
-        beams = range(self.first_beam[s], self.first_beam[s] + len(self.model.nsh[s].Q))
+        beams = range(self.first_beam[s], self.first_beam[s] + len(self.model.honeycombs[s].Q))
         return {self.at(name, i) for name in ("nsh_Q", "nsh_zeta", "nsh_h") for i in beams}
 
     def elastic(self, s: int) -> set[int]:

@@ -151,7 +151,7 @@ def flat(name: str) -> str:
 
 
 def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | None, float | int | None]:
-    if field.name == "nsh_zeta" and model.nsh[model.string_names.index(component["Z"])].plain:
+    if field.name == "nsh_zeta" and model.honeycombs[model.string_names.index(component["Z"])].plain:
         return METASTABLE
     if field.name == "snapped":
         return 0, component["beams"]

@@ -25,7 +25,7 @@ def terminals(model: Model, table: tuple[Variable, ...]) -> bytes | None:
     root = XML.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     listed = XML.SubElement(root, "Terminals")
     kinds = dict.fromkeys(model.node_names, "node") | dict.fromkeys(model.string_names, "string")
-    found = {name: [] for name in kinds}
+    found: dict[str, list[tuple[str, str]]] = {name: [] for name in kinds}
     for row, structured in zip(table, variables(model), strict=True):  # names of the second are structured
         component, _, member = structured.name.partition(".")
         if component in kinds and row.field in MEMBERS[kinds[component]]:

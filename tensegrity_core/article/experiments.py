@@ -51,7 +51,7 @@ def top_nodes(model: Model) -> np.ndarray:
 
 def top_strings(model: Model) -> np.ndarray:
     """(S,) bool: strings that join two top nodes."""
-    return np.isin(model.strings, top_nodes(model)).all(axis=1)
+    return np.asarray(np.isin(model.strings, top_nodes(model)).all(axis=1))
 
 
 # --- I: steady heights -------------------------------------------------------------------------------------------
@@ -346,7 +346,7 @@ def experiment_3(systems: Sequence[str] = SYSTEMS, duration: float = SINE_DURATI
 def article_nsh() -> NSH:
     """The honeycomb of the article's systems."""
     model = system("two_bar_nsh")
-    return model.nsh[model.nsh_strings[0]]
+    return next(iter(model.honeycombs.values()))
 
 
 @dataclass(frozen=True)

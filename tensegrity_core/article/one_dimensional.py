@@ -10,6 +10,7 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,7 @@ def simulate(oscillator: Oscillator, times: np.ndarray, force: np.ndarray) -> Mo
         rows, held = slice(first, last + 1), float(force[first])
         states[rows], extremes = _segment(oscillator, times[rows], held, states[first])
         position, power = max(position, extremes[:, 0].max()), max(power, (held * extremes[:, 1]).max())
-    return Motion(times, *states.T, force, float(position), float(power))
+    return Motion(times, states[:, 0], states[:, 1], force, float(position), float(power))
 
 
 def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -119,7 +120,7 @@ def _segment(oscillator: Oscillator, times: np.ndarray, force: float, state: np.
 
     found, t, row, extremes = np.empty((len(times), 2)), times[0], 0, [state]
     while True:
-        piece = oscillator.piece(*state, force)
+        piece = oscillator.piece(state[0], state[1], force)
 
         def rates(t, y, piece=piece):
             return y[1], (force - oscillator.damping * y[1] - oscillator.spring_force(piece, y[0])) / oscillator.mass
@@ -141,11 +142,12 @@ def _ends(oscillator: Oscillator, piece: int) -> list:
     """Terminal events where x leaves the piece: below, then above; those that cannot happen never cross."""
     ends = [-np.inf, *oscillator.breakpoints, np.inf]
 
-    def leaving(end: float, direction: float):
+    def leaving(end: float, direction: float) -> Any:
         def gap(t, y):
             return y[0] - end if np.isfinite(end) else -direction
 
-        gap.terminal, gap.direction = True, direction
-        return gap
+        event: Any = gap  # what SciPy asks of an event stands on the function
+        event.terminal, event.direction = True, direction
+        return event
 
     return [leaving(ends[piece], -1.0), leaving(ends[piece + 1], 1.0)]

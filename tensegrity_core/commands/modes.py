@@ -86,7 +86,7 @@ def summary(model: Model, found: list[Mode], count: int, force: np.ndarray | Non
         lines.append(f"  {oscillating} modes that oscillate{aside}; the longest-lived first")
         lines.append("   mode  frequency, Hz  damping ratio  decay rate, 1/s  moves most")
     for i, mode in enumerate(found[:count], 1):
-        node, axis = np.unravel_index(int(np.argmax(np.abs(mode.shape))), mode.shape.shape)
+        node, axis = divmod(int(np.argmax(np.abs(mode.shape))), 3)
         frequency = f"{mode.frequency:.6g}" if mode.oscillates else "-"
         ratio = f"{mode.damping_ratio:z.6g}" if mode.oscillates else "-"
         place = f"{model.node_names[node]}.{'xyz'[axis]}"

@@ -113,7 +113,7 @@ def quantity_of(model: Model, loading: Loading, text: str | None):
     if text is None:
         force = np.abs(loading.force_direction)
         if force.any():
-            node, axis = np.unravel_index(int(np.argmax(force)), force.shape)
+            node, axis = divmod(int(np.argmax(force)), 3)
         else:
             axis = model.axes[-1]
             node = max(model.free_nodes, key=lambda n: model.nodes[n, axis])

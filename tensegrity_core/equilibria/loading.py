@@ -17,10 +17,10 @@ class Loading:
     lengths, no change."""
 
     model: Model
-    force_direction: np.ndarray | None = None
-    rest_length_direction: np.ndarray | None = None
-    force: np.ndarray | None = None
-    rest_length: np.ndarray | None = None
+    force_direction: np.ndarray = None  # type: ignore[assignment]  # arrays once they are given
+    rest_length_direction: np.ndarray = None  # type: ignore[assignment]
+    force: np.ndarray = None  # type: ignore[assignment]
+    rest_length: np.ndarray = None  # type: ignore[assignment]
 
     def __post_init__(self):
         nodes, strings = self.model.nodes.shape, self.model.rest_length.shape

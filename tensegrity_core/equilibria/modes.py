@@ -98,7 +98,7 @@ def matrices(model: Model, force=None) -> Matrices:
 class _Plain:
     """A tangent stiffness as it is."""
 
-    matrix: type[statics.Dense] = statics.Dense
+    assembled: type[statics.Dense] = statics.Dense
 
     def __init__(self, matrix: np.ndarray):
         self.matrix = matrix
@@ -201,12 +201,13 @@ def _named(model: Model, neutral: np.ndarray) -> list[tuple[str, np.ndarray]]:
         return []
     fields = {name: field[model.free_nodes][:, model.axes].ravel() for name, field in statics.rigid_fields(model).items()}
     rigid = neutral @ _aligned(neutral, statics.rigid_body_motions(model))
-    found, known = [], np.zeros((len(neutral), 0))
+    found: list[tuple[str, np.ndarray]] = []
+    known = np.zeros((len(neutral), 0))
 
-    def add(name, field):
+    def add(name: str, field: np.ndarray) -> None:
         nonlocal known
         beyond = field - known @ (known.T @ field)
-        if np.linalg.norm(beyond) > 1e-6 * max(np.linalg.norm(field), 1e-6):
+        if np.linalg.norm(beyond) > 1e-6 * max(float(np.linalg.norm(field)), 1e-6):
             known = np.column_stack([known, beyond / np.linalg.norm(beyond)])
             found.append((name, field))
 
@@ -230,5 +231,5 @@ def _aligned(neutral: np.ndarray, motions: np.ndarray) -> np.ndarray:
 def _shape(model: Model, free: np.ndarray) -> np.ndarray:
     """(N, 3): free coordinates' motion, its largest component made 1."""
     shape = np.zeros(model.nodes.shape, dtype=complex)
-    shape[np.ix_(model.free_nodes, model.axes)] = (free / free[np.argmax(np.abs(free))]).reshape(-1, len(model.axes))
+    shape[np.ix_(model.free_nodes, np.array(model.axes))] = (free / free[np.argmax(np.abs(free))]).reshape(-1, len(model.axes))
     return shape

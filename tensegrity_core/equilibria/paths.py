@@ -25,13 +25,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from .. import statics
 from ..model import Model
 from ..quantities import array_of, number
-from .equilibrium import Equations
+from .equilibrium import Equations, Tangent
 from .loading import Loading
 from .points import SETTLED, SINGULAR, Local, PathError, Point, _direction, _point, bordered, newton
 
@@ -43,6 +44,7 @@ TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its e
 CRITICAL = 1e4  # eigenvalues below so many times their round-off vanish at a branch point
 ASIDE = 1e-3  # how far beside a branch point another path is looked for, as part of the shortest bar
 MOST_POINTS = 20_000
+LOCATED = ("limit", "branch")  # points from which a step need not look for others
 INWARD = 1e-9  # m/m: a string that leaves the end of its piece more slowly does not leave it
 MOST_TOUCHING = 8  # strings that arrive at the ends of their pieces together
 
@@ -85,6 +87,14 @@ class Path:
         return found
 
 
+def _same(tangent: Tangent) -> Tangent:
+    return tangent
+
+
+def _eigenvalue(number: int, point: Point) -> float:
+    return float(point.values[number])
+
+
 def between(equations: Equations, scale: float, before: Point, after: Point, parameter: float) -> Point:
     """The equilibrium at p between two neighbouring points: Newton's method at that p; where this leaves the part
     between the points, as it may beside a limit point, a root along the arc."""
@@ -100,7 +110,11 @@ def between(equations: Equations, scale: float, before: Point, after: Point, par
         if found is None:
             raise PathError(f"no equilibrium was found at p = {parameter!r} between two points of the path")
         return found._replace(parameter=parameter)
-    return _point(equations, scale, *solved, before.piece, before.direction, before.arc + part * (after.arc - before.arc), "")
+    arc = before.arc + part * (after.arc - before.arc)
+    point = _point(equations, scale, *solved, before.piece, before.direction, arc, "")
+    if point is None:
+        raise PathError(f"the path has no direction at p = {parameter!r}; ask for a load beside it")
+    return point
 
 
 def _interpolated(scale: float, before: Point, after: Point, part: float) -> np.ndarray:
@@ -136,11 +150,11 @@ class _Follower:
                 )
             trial = self._corrected(self.here, self.step, self._bend())
             turn = np.inf if trial is None else _angle(self.here.direction, trial.direction)
-            if turn > TURN:
+            if trial is None or turn > TURN:
                 self.step *= 0.25 if not np.isfinite(turn) or turn > 4.0 * TURN else 0.5
                 continue
             trial = self._arrival(self.here, trial)
-            special = [] if self.here.kind in ("limit", "branch") else trial and self._special(self.here, trial)
+            special = None if trial is None else [] if self.here.kind in LOCATED else self._special(self.here, trial)
             if trial is None or special is None:
                 self.step *= 0.25
                 continue
@@ -179,7 +193,8 @@ class _Follower:
         gone = (end < lower - TOUCH) | (end > upper + TOUCH)
         if not gone.any():
             return trial
-        start, tried = self.equations.elongation(base.free, base.parameter), set()
+        start = self.equations.elongation(base.free, base.parameter)
+        tried: set[int] = set()
         while gone.any():
             goal = np.where(end > upper, upper, lower)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -248,7 +263,7 @@ class _Follower:
             rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
             for sign in (1.0, -1.0):
                 if (np.where(up, sign, -sign) * rate >= -INWARD).all():
-                    local = Local(self.equations, lambda tangent=tangent: tangent)
+                    local = Local(self.equations, partial(_same, tangent))
                     found.append(Point(parameter, free, piece, sign * direction, local, arc, "kink"))
         return found
 
@@ -281,18 +296,20 @@ class _Follower:
     def _special(self, base: Point, trial: Point) -> list[Point] | None:
         """Limit and branch points between two points of a smooth part, in order of arc; None where one is not found."""
         end = trial if trial.kind != "kink" else self._before(base, trial)
-        found = []
+        found: list[Point] = []
         if base.direction[-1] * end.direction[-1] < 0.0:
-            found.append(self.root(base, end, lambda p: p.direction[-1], "limit", 1e-7))
-            if found[0] is None:
+            point = self.root(base, end, lambda p: p.direction[-1], "limit", 1e-7)
+            if point is None:
                 return None
+            found.append(point)
         low, high = sorted((_negative(base), _negative(end)))
         for i in range(low, high):
             change = abs(end.values[i] - base.values[i])
             if not (found and abs(found[0].values[i]) <= 1e-4 * change):  # else it vanishes at the limit point
-                found.append(self.root(base, end, lambda p, i=i: p.values[i], "branch", 1e-13))
-                if found[-1] is None:
+                point = self.root(base, end, partial(_eigenvalue, i), "branch", 1e-13)
+                if point is None:
                     return None
+                found.append(point)
         return sorted(found, key=lambda p: p.arc)
 
     def _before(self, base: Point, kink: Point) -> Point:

@@ -97,17 +97,23 @@ def bordered(tangent: Tangent, scale: float, row: np.ndarray) -> np.ndarray:
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray, least: bool = False) -> np.ndarray | None:
-    """Solution of a bordered system.  least: the one of least size, which at a branch point, where the system is singular,
-    stays on the path."""
+    """Solution of a bordered system; least: see `_least`."""
     if least:
-        return np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
+        return _least(matrix, right)
     try:
         return np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
         return None
 
 
-def newton(equations, scale, free, parameter, piece, row, settled, event=None, least=False):
+def _least(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The solution of least size, which at a branch point, where the system is singular, stays on the path."""
+    return np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
+
+
+def newton(
+    equations: Equations, scale: float, free, parameter: float, piece, row, settled: float, event=None, least: bool = False
+) -> tuple[np.ndarray, float, Tangent] | None:
     """Solve equilibrium and row . (x, c p) = its value at the guess, or, with event = (string, elongation), that the
     string has this elongation.  Returns free, parameter, the tangent at the last iterate; None where it does not converge."""
     last = np.inf
@@ -139,7 +145,7 @@ def _direction(tangent: Tangent, scale: float, along: np.ndarray) -> np.ndarray 
     matrix = bordered(tangent, scale, along)
     found = _solved(matrix, right)
     if found is None or not found @ found <= FAR:
-        found = _solved(matrix, right, least=True)
+        found = _least(matrix, right)
     direction = np.append(tangent.basis @ found[:-1], found[-1])
     size = np.sqrt(direction @ direction)
     return direction / size if np.isfinite(size) and size > 0.0 else None

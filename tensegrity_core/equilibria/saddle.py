@@ -132,7 +132,7 @@ class Saddle:
         """Number of negative eigenvalues of the matrix that was solved last."""
         factor, pivot = self._factor
         diagonal = factor.diagonal()
-        return int(np.count_nonzero((diagonal < 0.0) & (pivot > 0))) + np.count_nonzero(pivot < 0) // 2
+        return int(np.count_nonzero((diagonal < 0.0) & (pivot > 0)) + np.count_nonzero(pivot < 0) // 2)
 
     def definite(self) -> bool:
         """Whether the tangent stiffness that was solved last is positive definite along what keeps the bars' lengths (and,

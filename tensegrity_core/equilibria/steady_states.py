@@ -144,7 +144,7 @@ def landing(path: Path, parameter: float, side: float, steps: LoadSteps | None =
     escape = _escape(path, side)
     start = equations.moved(last.free, 0.1 * statics.step_limit(equations.model) * escape)
     found = quick_flow.settled(steps.saddle, start, escape, parameter) if steps else None
-    here = None if found is None else steps.arrived(found, parameter, side)
+    here = None if steps is None or found is None else steps.arrived(found, parameter, side)
     if here is None:
         surface = FlowSurface(equations, parameter)
         found = statics.descend(surface, start, surface.balanced)
@@ -183,7 +183,8 @@ class FlowSurface(statics.Surface):
         self.equations, self.parameter = equations, parameter
         self._far = PART_OF_BAR * float(model.bar_length.min())
         self._narrow = PART_OF_BEAM * equations.laws.narrow
-        self._trial = self._elongation = None
+        self._trial: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # a step, where it leads, the elongations there
+        self._elongation = np.zeros(len(model.strings))  # where the surface was asked last
 
     def near(self, free: np.ndarray, step: np.ndarray) -> bool:
         """Whether a step is small beside the bars, and beside the beams in what it does to NSH strings that carry."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ class SuddenLoads:
         self.equations = equations
         self._kernel = Kernel(equations.model, tolerance=RUN_TOLERANCE)
 
-    def state(self, parameter: float, known: list[Point] = (), longest: float = 50.0) -> Sudden:
+    def state(self, parameter: float, known: Sequence[Point] = (), longest: float = 50.0) -> Sudden:
         """Where the model comes to rest under the load of p.  known: the equilibria at p, see `states_at`; longest: s."""
         energy, stable = self.equations.energy, [point for point in known if point.stable]
         saddles = [energy(point.free, parameter) for point in known if point.unstable == 1]

@@ -15,8 +15,7 @@ SERIES_LAWS = ("single_valued", "hysteretic")
 
 def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np.ndarray]:
     """Start values of all inputs and parameters, by field name."""
-    beams = [model.nsh[i] for i in model.nsh_strings]
-    motors = [model.actuator[i] for i in model.actuated]
+    beams, motors = list(model.honeycombs.values()), list(model.motors.values())
     moving, axes = list(model.moving), list(model.axes)
     return {
         "force": np.zeros(model.counts["F"] * model.counts["D"]),

@@ -66,4 +66,4 @@ def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: floa
     series = {name: rows[:, at] for name, at in kernel.layout.items()}
     series |= {name: counts[:, at] for name, at in kernel.integer_layout.items()}
     found = {field.name: spread(field, model, series[field.name]) for field in outputs()}
-    return Result(np.array(inputs.times), transitions, kernel.stats, **found)
+    return Result(np.array(inputs.times), transitions, dict(kernel.stats), **found)

@@ -27,8 +27,10 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
         "G": [{"G": model.node_names[i]} for i in model.fixed_nodes],
         "B": [{"B": name} for name in model.bar_names],
         "S": [{"S": name} for name in model.string_names],
-        "H": [{"H": model.string_names[i], "beams": len(model.nsh[i].Q)} for i in model.nsh_strings],
-        "Z": [{"Z": model.string_names[i], "beam": beam + 1} for i in model.nsh_strings for beam in range(len(model.nsh[i].Q))],
+        "H": [{"H": model.string_names[i], "beams": len(nsh.Q)} for i, nsh in model.honeycombs.items()],
+        "Z": [
+            {"Z": model.string_names[i], "beam": beam + 1} for i, nsh in model.honeycombs.items() for beam in range(len(nsh.Q))
+        ],
         "V": [{"V": ""}] if model.counts["V"] == 1 else [{"V": f".{AXES[i]}"} for i in model.axes],
         "P": [{"P": model.node_names[node]} for node, _ in model.point_mass],
         "R": [{"R": model.node_names[node]} for node, _ in model.drag],

@@ -20,7 +20,7 @@ class _Numbers:
     """Turns the numbers of a frozen dataclass into floats, once they are given."""
 
     def __post_init__(self):
-        for field in fields(self):
+        for field in fields(self):  # type: ignore[arg-type]  # of the dataclass that it is mixed into
             if field.type in ("float", "tuple[float, ...]"):
                 convert = number if field.type == "float" else floats
                 name = f"{type(self).__name__.lower()}.{field.name}"
@@ -29,6 +29,8 @@ class _Numbers:
 
 class _Parts:
     """Keeps parts as a tuple, so that an element can be looked up."""
+
+    parts: tuple[Element, ...]
 
     def __post_init__(self):
         object.__setattr__(self, "parts", tuple(self.parts))
@@ -106,7 +108,11 @@ def simplified(element: Element) -> Element:
     if isinstance(element, Series) and element.law != "single_valued":
         return Series(parts, element.law)
     kind = type(element)
-    opened = [inner for part in parts for inner in (part.parts if _opens(kind, part) else (part,))]
+    opened = [
+        inner
+        for part in parts
+        for inner in (part.parts if isinstance(part, (Series, Parallel)) and _opens(kind, part) else (part,))
+    ]
     return opened[0] if len(opened) == 1 else kind(tuple(opened))
 
 

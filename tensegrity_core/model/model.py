@@ -61,6 +61,10 @@ class Actuator:
             object.__setattr__(self, name, number(f"actuator.{name}", getattr(self, name)))
 
 
+def _none() -> np.ndarray:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True)
 class Model:
     """A tensegrity.  Index arrays count nodes from 0 in scene order; SI units; coordinates are always 3D (x, y, z).
@@ -109,12 +113,12 @@ class Model:
     damping_law: str
     gravity: float | tuple[float, float, float]
     nominal: np.ndarray
-    velocity: np.ndarray = field(default=None)
+    velocity: np.ndarray = field(default_factory=_none)
     element: tuple[Element | None, ...] = ()
     damper: tuple[Damper | None, ...] = ()
     actuator: tuple[Actuator | None, ...] = ()
-    current: np.ndarray = ()
-    drum_load: np.ndarray = ()
+    current: np.ndarray = field(default_factory=_none)
+    drum_load: np.ndarray = field(default_factory=_none)
     point_mass: tuple[tuple[int, float], ...] = ()
     drag: tuple[tuple[int, float], ...] = ()
     moving: tuple[int, ...] = ()
@@ -129,7 +133,7 @@ class Model:
             object.__setattr__(self, name, tuple(table))
         for name in ("axes", "moving"):
             object.__setattr__(self, name, tuple(int(index) for index in getattr(self, name)))
-        if self.velocity is None:
+        if vars(self)["velocity"] is None or not np.size(self.velocity):
             object.__setattr__(self, "velocity", np.zeros_like(self.nodes, dtype=float))
         for name in ("nsh", "element", "damper", "actuator"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -144,7 +148,11 @@ class Model:
         for name in ("bars", "strings"):
             self._freeze(name, np.int64, (-1, 2))
         self._freeze("fixed", bool)
-        shapes = {"nodes": (self.counts["N"], 3), "nominal": (self.counts["N"], 3), "velocity": (self.counts["N"], 3)}
+        shapes: dict[str, tuple[int, ...]] = {
+            "nodes": (self.counts["N"], 3),
+            "nominal": (self.counts["N"], 3),
+            "velocity": (self.counts["N"], 3),
+        }
         shapes |= {"fixed": (self.counts["N"],), "bar_mass": (self.counts["B"],)}
         shapes |= dict.fromkeys(("stiffness", "damping", "rest_length"), (self.counts["S"],))
         for name, shape in shapes.items():
@@ -184,12 +192,17 @@ class Model:
     @cached_property
     def nsh_strings(self) -> tuple[int, ...]:
         """(H,) indices of the strings that carry an NSH."""
-        return tuple(i for i, nsh in enumerate(self.nsh) if nsh is not None)
+        return tuple(self.honeycombs)
+
+    @cached_property
+    def honeycombs(self) -> dict[int, NSH]:
+        """Per string that carries one: its NSH."""
+        return {i: nsh for i, nsh in enumerate(self.nsh) if nsh is not None}
 
     @cached_property
     def plain_nsh_strings(self) -> tuple[int, ...]:
         """Indices of the strings with an NSH that `nsh` can do: metastable beams without memory."""
-        return tuple(i for i in self.nsh_strings if self.nsh[i].plain)
+        return tuple(i for i, nsh in self.honeycombs.items() if nsh.plain)
 
     @cached_property
     def laws(self) -> dict[int, Element]:
@@ -199,22 +212,27 @@ class Model:
     @cached_property
     def memories(self) -> dict[int, Series]:
         """Per string with memory: its element."""
-        return {i: element for i, element in self._elements if _remembers(element)}
+        return {i: element for i, element in self._elements if isinstance(element, Series) and _remembers(element)}
 
     @property
     def _elements(self) -> list[tuple[int, Element]]:
-        elements = [(i, self.nsh[i].element) for i in self.nsh_strings if not self.nsh[i].plain]
+        elements: list[tuple[int, Element]] = [(i, nsh.element) for i, nsh in self.honeycombs.items() if not nsh.plain]
         return elements + [(i, element) for i, element in enumerate(self.element) if element is not None]
+
+    @cached_property
+    def motors(self) -> dict[int, Actuator]:
+        """Per string that an actuator winds: its actuator."""
+        return {i: actuator for i, actuator in enumerate(self.actuator) if actuator is not None}
 
     @cached_property
     def actuated(self) -> tuple[int, ...]:
         """(A,) indices of the strings that an actuator winds."""
-        return tuple(i for i, actuator in enumerate(self.actuator) if actuator is not None)
+        return tuple(self.motors)
 
     @property
     def g(self) -> np.ndarray:
         """(3,) acceleration by gravity, m/s2."""
-        return np.array([0.0, 0.0, -self.gravity]) if np.ndim(self.gravity) == 0 else np.array(self.gravity, dtype=float)
+        return np.array(self.gravity if isinstance(self.gravity, tuple) else (0.0, 0.0, -self.gravity), dtype=float)
 
     @cached_property
     def node_mass(self) -> np.ndarray:
@@ -236,7 +254,7 @@ class Model:
             "B": len(self.bars),
             "S": len(self.strings),
             "H": len(self.nsh_strings),
-            "Z": sum(len(self.nsh[i].Q) for i in self.nsh_strings),
+            "Z": sum(len(nsh.Q) for nsh in self.honeycombs.values()),
             "V": 1 if np.ndim(self.gravity) == 0 else len(self.axes),
             "P": len(self.point_mass),
             "R": len(self.drag),

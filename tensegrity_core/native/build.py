@@ -22,7 +22,7 @@ from typing import NamedTuple
 try:
     from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 except ModuleNotFoundError:  # outside of a build of the package
-    BuildHookInterface = object
+    BuildHookInterface = object  # type: ignore[assignment, misc]
 
 HERE = Path(__file__).resolve().parent
 RUNTIME = HERE.parent.parent / "fmu_src" / "native_runtime"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def write_result(model: Model, result: Result, path: Path) -> None:
     if path.suffix.lower() == ".csv":
         write_columns(columns(model, result), path)
         return
-    arrays = _arrays(model, result)
+    arrays: dict[str, Any] = _arrays(model, result)
     with replacing(path) as file:
         np.savez_compressed(file, **arrays)
 

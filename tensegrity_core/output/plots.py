@@ -157,9 +157,9 @@ class Drawing:
 
     def _zigzag(self, s: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points of an NSH string, and of its beads.  The zigzag takes up all of the elongation since the start."""
-        model, beams = self.model, len(self.model.nsh[s].Q)
-        start = np.linalg.norm(np.diff(model.nodes[model.strings[s]], axis=0))
-        length = np.linalg.norm(ends[1] - ends[0])
+        model, beams = self.model, len(self.model.honeycombs[s].Q)
+        start = float(np.linalg.norm(np.diff(model.nodes[model.strings[s]], axis=0)))
+        length = float(np.linalg.norm(ends[1] - ends[0]))
         if length == 0.0:
             return ends, np.repeat(ends[:1], beams, axis=0)
         along = (ends[1] - ends[0]) / length
@@ -173,7 +173,7 @@ class Drawing:
         return np.vstack((ends[:1], bends, ends[1:])), bends[1::2]
 
     def _arrow(self, node: np.ndarray, push: np.ndarray) -> np.ndarray:
-        size = np.linalg.norm(push)
+        size = float(np.linalg.norm(push))
         if size < 1e-3 * self._size:
             return np.empty((0, 3))
         head = min(0.3 * size, 0.045 * self._size)

@@ -96,7 +96,8 @@ def rest_lengths(s: Structure, load: Load, t: float, winding):
 
 def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Strings:
     """Kinematics and tensions of all strings under the pieces that `mode` holds."""
-    return _strings(s, load, mode, t, *string_motion(N, Ndot, s.C_s), winding)
+    S, xi, xi_rate = string_motion(N, Ndot, s.C_s)
+    return _strings(s, load, mode, t, S, xi, xi_rate, winding)
 
 
 def _strings(s: Structure, load: Load, mode: Mode, t: float, S, xi, xi_rate, winding) -> Strings:

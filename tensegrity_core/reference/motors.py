@@ -28,10 +28,10 @@ class Motors(NamedTuple):
 
 def motors_of(model: Model) -> Motors:
     """The constants of a model's actuators, in string order."""
-    found = [model.actuator[i] for i in model.actuated]
+    found = model.motors.values()
     names = ("inertia", "damping", "torque_constant", "radius")
-    constants = (np.array([getattr(motor, name) for motor in found], dtype=float) for name in names)
-    return Motors(*constants, np.array(model.actuated, dtype=int))
+    constants = {name: np.array([getattr(motor, name) for motor in found], dtype=float) for name in names}
+    return Motors(**constants, strings=np.array(model.actuated, dtype=int))
 
 
 def acceleration(motors: Motors, current, tension, speed):

@@ -70,11 +70,11 @@ def structure(model: Model) -> Structure:
     in_plane = np.zeros((3, 1))
     in_plane[list(model.axes)] = 1.0
     weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
-    honeycombs = tuple((j, model.nsh[j]) for j in model.plain_nsh_strings)
+    honeycombs = tuple((j, model.honeycombs[j]) for j in model.plain_nsh_strings)
     elements = tuple((j, laws.law(element)) for j, element in model.laws.items())
     slack = {j: hysteresis.start(element, model.stiffness.item(j)) for j, element in model.memories.items()}
     dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
-    ends = dict.fromkeys(range(len(model.strings)), (0.0,))
+    ends: dict[int, tuple[float, ...]] = dict.fromkeys(range(len(model.strings)), (0.0,))
     ends |= {j: tuple(honeycomb.breakpoints(nsh).tolist()) for j, nsh in honeycombs}
     ends |= {j: law.breakpoints for j, law in elements} | dict.fromkeys(slack, ())
     return Structure(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
 from ..errors import SceneError
 from ..fields import owned_words
@@ -28,10 +29,13 @@ MOST_POINTS = 50_000  # of all tables of a scene
 MOST_COST = 4.0  # s, about what working out all force laws may take; see `costs`
 
 
+Points = tuple[float, ...] | None
+
+
 def _check_names(scene: Scene) -> Iterator[SceneError]:
     if scene.name.lower() in DEVICES:
         yield scene.error("name", "is a device's name on Windows, where no file can have it", "Give the scene another name.")
-    kinds = {"nodes": scene.nodes, "bars": scene.bars, "strings": scene.strings}
+    kinds: dict[str, dict[str, Any]] = {"nodes": scene.nodes, "bars": scene.bars, "strings": scene.strings}
     seen: dict[str, str] = {}
     for kind, table in kinds.items():
         for name in table:
@@ -172,8 +176,8 @@ def _check_loads(scene: Scene) -> Iterator[SceneError]:
     yield from twice(scene, "moving", scene.moving)
 
 
-def _beam_errors(scene: Scene, key: str, zeta: float, beams: str | None) -> Iterator[SceneError]:
-    if beams != "any" and not 2.0 < zeta < 8.0:
+def _beam_errors(scene: Scene, key: str, zeta: float | None, beams: str | None) -> Iterator[SceneError]:
+    if zeta is not None and beams != "any" and not 2.0 < zeta < 8.0:
         kind = "monotone (it never snaps)" if zeta <= 2.0 else "bistable (it does not return)"
         remedy = 'Choose 2 < zeta < 8 (metastable), or write beams = "any".'
         yield scene.error(key, f"makes the beam {kind}", remedy)
@@ -281,7 +285,11 @@ def _key_errors(scene: Scene, key: str, entry: Entry, what: str, must: tuple, ma
             yield scene.error(f"{key}.{field}", f"does not belong to {what}", f"Keys here: {', '.join((*must, *may))}.")
 
 
-def _point_errors(scene: Scene, key: str, along: str, x: tuple, f: tuple) -> Iterator[SceneError]:
+def _point_errors(
+    scene: Scene, key: str, along: str, x: tuple[float, ...] | None, f: tuple[float, ...] | None
+) -> Iterator[SceneError]:
+    if x is None or f is None:
+        return  # which `_key_errors` says
     if len(x) != len(f):
         problem = f"has {len(f)} values where {along} has {len(x)}"
         yield scene.error(f"{key}.force", problem, f"Give one force per {along}.")

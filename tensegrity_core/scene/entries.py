@@ -10,6 +10,8 @@ from pydantic_core import PydanticCustomError
 
 from ..errors import SceneError
 from ..model import elements
+from ..model.elements import Damper as DamperLaw
+from ..model.elements import Element as ElementLaw
 from . import files as scene_files
 from .files import IDENTIFIER, lookup, place_of
 
@@ -23,8 +25,8 @@ Name = Annotated[str, StringConstraints(pattern=IDENTIFIER, max_length=LONGEST_N
 Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0A-\x1F\uFFFE\uFFFF]*$", max_length=10_000)]
 
 
-def _between(low: float, high: float, *more):
-    return Annotated[float, Field(ge=low, le=high, allow_inf_nan=False), *more]
+def _between(low: float, high: float) -> Any:
+    return Field(ge=low, le=high, allow_inf_nan=False)
 
 
 def _not_tiny(least: float) -> AfterValidator:
@@ -39,14 +41,14 @@ def _not_tiny(least: float) -> AfterValidator:
 
 
 # What no structure has is refused here, so that squares, cubes and ratios of what is left are numbers.  SI units.
-Coordinate = _between(-1e6, 1e6)
-Positive = _between(1e-15, 1e15)
-NotNegative = _between(0.0, 1e15, _not_tiny(1e-15))
-Component = _between(-1e9, 1e9)
-ForceScale = _between(*elements.BEAM_RANGES["Q"])
-Shape = _between(*elements.BEAM_RANGES["zeta"])
-Length = _between(*elements.BEAM_RANGES["h"])
-RestLength = _between(0.0, 1e7)
+Coordinate = Annotated[float, _between(-1e6, 1e6)]
+Positive = Annotated[float, _between(1e-15, 1e15)]
+NotNegative = Annotated[float, _between(0.0, 1e15), _not_tiny(1e-15)]
+Component = Annotated[float, _between(-1e9, 1e9)]
+ForceScale = Annotated[float, _between(*elements.BEAM_RANGES["Q"])]
+Shape = Annotated[float, _between(*elements.BEAM_RANGES["zeta"])]
+Length = Annotated[float, _between(*elements.BEAM_RANGES["h"])]
+RestLength = Annotated[float, _between(0.0, 1e7)]
 Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
 Ends = Annotated[tuple[str, str], Strict(False)]
 Scales = Annotated[tuple[ForceScale, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
@@ -54,13 +56,16 @@ Zetas = Annotated[tuple[Shape, ...], Strict(False), Field(min_length=1, max_leng
 Heights = Annotated[tuple[Length, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
 #: A number or a vector; the tags tell pydantic which of the two to check, and stand in the places of its findings.
 Gravity = Annotated[
-    Annotated[_between(0.0, 1e9), Tag("[number]")]
+    Annotated[float, _between(0.0, 1e9), Tag("[number]")]
     | Annotated[tuple[Component, Component, Component], Strict(False), Tag("[vector]")],
     Discriminator(lambda value: "[vector]" if isinstance(value, (list, tuple)) else "[number]"),
 ]
-Coefficients = Annotated[tuple[_between(-1e15, 1e15, _not_tiny(1e-15)), ...], Strict(False), Field(min_length=1, max_length=7)]
-Abscissas = Annotated[tuple[_between(0.0, 1e6, _not_tiny(1e-12)), ...], Strict(False), Field(min_length=2)]
-Forces = Annotated[tuple[_between(-1e12, 1e12, _not_tiny(1e-15)), ...], Strict(False), Field(min_length=2)]
+Coefficient = Annotated[float, _between(-1e15, 1e15), _not_tiny(1e-15)]
+Abscissa = Annotated[float, _between(0.0, 1e6), _not_tiny(1e-12)]
+Force = Annotated[float, _between(-1e12, 1e12), _not_tiny(1e-15)]
+Coefficients = Annotated[tuple[Coefficient, ...], Strict(False), Field(min_length=1, max_length=7)]
+Abscissas = Annotated[tuple[Abscissa, ...], Strict(False), Field(min_length=2)]
+Forces = Annotated[tuple[Force, ...], Strict(False), Field(min_length=2)]
 Names = Annotated[tuple[str, ...], Strict(False), Field(min_length=1)]
 SeriesLaw = Literal["single_valued", "hysteretic"]
 Shapes = Literal["metastable", "any"]
@@ -71,6 +76,10 @@ class Entry(BaseModel):
     """A table of the scene file: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, title=None)
+
+    def given(self, key: str) -> Any:
+        """The value of a key that an entry of its kind must have, which `checks` sees to."""
+        return getattr(self, key)
 
 
 class Material(Entry):
@@ -238,7 +247,7 @@ class Scene(Entry):
         point = [0.0, 0.0, 0.0]
         for axis, value in zip(self.axes, self.nodes[node]):
             point[axis] = value
-        return tuple(point)
+        return point[0], point[1], point[2]
 
     def distance(self, ends: tuple[str, str]) -> float:
         """Distance of two nodes at the given coordinates, m."""
@@ -258,27 +267,27 @@ class Scene(Entry):
             return own
         return self._material(string).damping if self.strings[string].material else 0.0
 
-    def element(self, name: str) -> elements.Element:
+    def element(self, name: str) -> ElementLaw:
         """The force law of this name, with its parts in place of their names."""
         entry = self.elements[name]
         if entry.kind == "spring":
-            return elements.Spring(entry.stiffness)
+            return elements.Spring(entry.given("stiffness"))
         if entry.kind == "beam":
-            return elements.Beam(entry.Q, entry.zeta, entry.h)
+            return elements.Beam(entry.given("Q"), entry.given("zeta"), entry.given("h"))
         if entry.kind == "polynomial":
-            return elements.Polynomial(entry.coefficients)
+            return elements.Polynomial(entry.given("coefficients"))
         if entry.kind == "table":
-            return elements.Table(entry.elongation, entry.force, entry.interpolation or "linear")
-        parts = tuple(self.element(part) for part in entry.parts)
+            return elements.Table(entry.given("elongation"), entry.given("force"), entry.interpolation or "linear")
+        parts = tuple(self.element(part) for part in entry.given("parts"))
         grouped = elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
         return elements.simplified(grouped)
 
-    def damper(self, name: str) -> elements.Damper:
+    def damper(self, name: str) -> DamperLaw:
         """The damper of this name."""
         entry = self.dampers[name]
         if entry.coefficients is not None:
             return elements.Polynomial(entry.coefficients)
-        return elements.Table(entry.rate, entry.force, entry.interpolation or "linear")
+        return elements.Table(entry.given("rate"), entry.given("force"), entry.interpolation or "linear")
 
     def needs_stiffness(self, string: str) -> bool:
         """Whether the string's own stiffness acts: not where an element without end or memory replaces it."""
@@ -289,12 +298,12 @@ class Scene(Entry):
         """Whether an element has a stop: a beam, a parallel of which one part has, a series of which all parts have."""
         entry = self.elements[name]
         if entry.kind in ("series", "parallel"):
-            ends = [self._ends(part) for part in entry.parts]
+            ends = [self._ends(part) for part in entry.given("parts")]
             return all(ends) if entry.kind == "series" else any(ends)
         return entry.kind == "beam"
 
     def _material(self, string: str) -> Material:
-        return self.materials[self.strings[string].material]
+        return self.materials[self.strings[string].given("material")]
 
     def error(self, key: str, problem: str, remedy: str, value: Any = None) -> SceneError:
         """The error for a key of this scene: fills in the file that holds the key, and its value."""

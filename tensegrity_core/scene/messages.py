@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any
 
@@ -43,7 +43,7 @@ def translated(failure: ValidationError, raw: dict, origin: dict, file: str) -> 
     return scene_files.error(file, origin, place, value, problem, remedy)
 
 
-def _problem(kind: str, finding: dict, value: Any) -> str:
+def _problem(kind: str, finding: Mapping[str, Any], value: Any) -> str:
     context = finding.get("ctx", {})
     if kind == "greater_than_equal" and context["ge"] > 0.0 >= value:
         return "is not greater than 0"
@@ -69,8 +69,15 @@ def _problem(kind: str, finding: dict, value: Any) -> str:
 
 def _described(place: tuple) -> tuple[type[Entry], Any]:
     """The table that holds a place, and the field whose description says what belongs there."""
-    owner, field = Scene, None
-    tables = {"materials": Material, "nsh": Honeycomb, "elements": Element, "dampers": Damper, "actuators": Actuator}
+    owner: type[Entry] = Scene
+    field = None
+    tables: dict[str, type[Entry]] = {
+        "materials": Material,
+        "nsh": Honeycomb,
+        "elements": Element,
+        "dampers": Damper,
+        "actuators": Actuator,
+    }
     tables |= {"bars": Bar, "strings": String}
     for depth, part in enumerate(place):
         if isinstance(part, str) and part in owner.model_fields:

@@ -59,7 +59,7 @@ class Member(NamedTuple):
     ends: tuple[int, int]
 
 
-def tower(stages: int, nsh: bool = False, **options: float | None) -> Scene:
+def tower(stages: int, nsh: bool = False, **options: Any) -> Scene:
     """A tower of 1 to 1000 stages, as `load_scene` would return it.
 
     nsh: the vertical strings above the first stage (those of a single stage) and the upper diagonals carry the
@@ -79,7 +79,7 @@ def tower(stages: int, nsh: bool = False, **options: float | None) -> Scene:
     return parse_scene(_tables(stages, nsh, **options), file=f"tower({stages})")
 
 
-def tower_text(stages: int, nsh: bool = False, **options: float | None) -> str:
+def tower_text(stages: int, nsh: bool = False, **options: Any) -> str:
     """The same tower as the text of a scene file, whose model is the same to the last bit; arguments as of `tower`."""
     tables = _tables(stages, nsh, **options)
     parse_scene(tables, file=f"tower({stages})")
@@ -207,7 +207,8 @@ def _tables(
         raise InputError(f"tension = {tension!r}: one stage has no saddle strings; leave it out, its gravity sets the tensions")
     stages, nsh = int(stages), bool(nsh)
     given = {"gravity": gravity, "tension": tension, "stiffness": stiffness, "damping": damping, "mass": mass}
-    gravity, tension, stiffness, damping, mass = (None if v is None else number(k, v) for k, v in given.items())
+    gravity, tension = (None if given[key] is None else number(key, given[key]) for key in ("gravity", "tension"))
+    stiffness, damping, mass = (number(key, given[key]) for key in ("stiffness", "damping", "mass"))
     nodes, found = coordinates(stages), members(stages)
     bars = [member for member in found if member.kind == "bar"]
     strings = [member for member in found if member.kind != "bar"]

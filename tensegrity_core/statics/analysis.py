@@ -47,9 +47,9 @@ def analyse(model: Model, tolerance: float = RANK_TOLERANCE) -> Analysis:
         directions, sizes, _ = np.linalg.svd(projected, full_matrices=False)
         free = directions[:, sizes > 0.5]  # the sizes are 0 (rigid) or 1 up to round-off
     fields = np.zeros((free.shape[1], len(model.nodes), 3))
-    places = np.ix_(range(len(fields)), model.free_nodes, model.axes)
+    places = np.ix_(np.arange(len(fields)), model.free_nodes, np.array(model.axes))
     fields[places] = free.T.reshape(-1, len(model.free_nodes), len(model.axes))
-    return Analysis(*matrix.shape, values, rank, right[rank:].T, fields, rigid.shape[1])
+    return Analysis(matrix.shape[0], matrix.shape[1], values, rank, right[rank:].T, fields, rigid.shape[1])
 
 
 def rigid_body_motions(model: Model) -> np.ndarray:

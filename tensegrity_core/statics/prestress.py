@@ -28,7 +28,7 @@ def prestress(scene: Scene, model: Model) -> np.ndarray:
     """(S,) tensions at the given coordinates, N: those that the scene knows, and those that equilibrium adds."""
     tension = np.full(len(model.strings), np.nan)
     length = lengths_between(model.nodes, model.strings)
-    typed = [scene.prestress.rest_length.get(name, xi) for name, xi in zip(model.string_names, length)]
+    typed = np.array([scene.prestress.rest_length.get(name, xi) for name, xi in zip(model.string_names, length)])
     held = string_tension(replace(model, rest_length=typed), length)
     for i, name in enumerate(model.string_names):
         if name in scene.prestress.tension:

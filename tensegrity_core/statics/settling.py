@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import TensegrityError
 from ..model import Model
+from .balance import Balance
 from .matrices import free_rows, lengths_between
 from .strings import string_branches
 from .surface import Surface, SurfacePoint
@@ -41,11 +42,8 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     first, last = (none if f is None else np.asarray(f, dtype=float) for f in (force_before, force))
     if np.array_equal(first, last) and np.array_equal(goal, model.rest_length):
         steps = 1
-    free, balance, branches = (
-        free_rows(model, model.nodes),
-        None,
-        string_branches(model, lengths_between(model.nodes, model.strings)),
-    )
+    free, branches = free_rows(model, model.nodes), string_branches(model, lengths_between(model.nodes, model.strings))
+    balance: Balance | None = None  # that of the first step: rest lengths make no difference to it
     for step in range(1, steps + 1):
         part = step / steps  # exactly 1 at the end
         loaded = replace(model, rest_length=(1.0 - part) * model.rest_length + part * goal)
@@ -53,7 +51,7 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
         balance = surface.balance
         free = descend(surface, free, surface.balanced if step == steps else surface.nearly_balanced)
         branches = surface.branches
-    nodes = balance.nodes(free)
+    nodes = model.nodes if balance is None else balance.nodes(free)
     settled, length = replace(model, nodes=nodes, rest_length=goal), lengths_between(nodes, model.strings)
     anew = string_branches(settled, length)
     for i, branch in string_branches(settled, length, branches).items():
@@ -134,4 +132,4 @@ def _flow_step(surface: Surface, free: np.ndarray, point: SurfacePoint, pace: fl
                 return trial, time
         time = 0.25 * time if np.isfinite(time) else min(slowest, 8.0 * pace)
         if time < 1e-21 * slowest:
-            return surface.moved(free, step), time
+            return free if step is None else surface.moved(free, step), time

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,9 +59,10 @@ def _alone(model: Model, i: int) -> Model:
     def only(table: tuple) -> tuple:
         return (table[i],)
 
-    bare = {name: only(getattr(model, name)) for name in ("string_names", "nsh", "element", "damper")}
-    arrays = {name: getattr(model, name)[[i]] for name in ("strings", "stiffness", "damping", "rest_length")}
-    return replace(model, **bare, **arrays, actuator=(), current=(), drum_load=())
+    changed: dict[str, Any] = {name: only(getattr(model, name)) for name in ("string_names", "nsh", "element", "damper")}
+    changed |= {name: getattr(model, name)[[i]] for name in ("strings", "stiffness", "damping", "rest_length")}
+    none = np.zeros(0)
+    return replace(model, **changed, actuator=(), current=none, drum_load=none)
 
 
 # --- rates -------------------------------------------------------------------------------------------------------
@@ -124,7 +125,7 @@ def _stiffest(model: Model) -> list[float]:
     """N/m, about the largest stiffness of each string."""
     found = []
     for i, k in enumerate(model.stiffness.tolist()):
-        element = model.element[i] if model.nsh[i] is None else model.nsh[i].element
+        element = model.honeycombs[i].element if i in model.honeycombs else model.element[i]
         if isinstance(element, Series) and element.law == "hysteretic":
             found.append(k)  # in series with all parts
         elif element is not None:

@@ -47,8 +47,7 @@ def build_model(scene: Scene) -> Model:
 def _holding_currents(model: Model) -> np.ndarray:
     """(A,) A: the currents that hold the start tensions, i = r T / k_a."""
     tension = string_tension(model, lengths_between(model.nodes, model.strings))
-    motors = [(model.actuator[i], tension[i]) for i in model.actuated]
-    return np.array([motor.radius * pull / motor.torque_constant for motor, pull in motors])
+    return np.array([motor.radius * tension[i] / motor.torque_constant for i, motor in model.motors.items()])
 
 
 def _require_laws(scene: Scene) -> None:
@@ -76,7 +75,7 @@ def _stiffness(scene: Scene, string: str) -> float:
     given = scene.stiffness(string)
     if given is not None:
         return given
-    return laws.law(scene.element(scene.strings[string].element)).stiffness(1e-300) or 1.0
+    return laws.law(scene.element(scene.strings[string].given("element"))).stiffness(1e-300) or 1.0
 
 
 def _at_given_coordinates(scene: Scene) -> Model:
@@ -95,20 +94,20 @@ def _at_given_coordinates(scene: Scene) -> Model:
         bar_names=tuple(scene.bars),
         string_names=tuple(scene.strings),
         nodes=nodes,
-        fixed=[name in fixed for name in scene.nodes],
-        bars=[[index[node] for node in bar.nodes] for bar in scene.bars.values()],
-        bar_mass=[bar.mass for bar in scene.bars.values()],
-        strings=[[index[node] for node in string.nodes] for string in scene.strings.values()],
-        stiffness=[_stiffness(scene, name) for name in scene.strings],
-        damping=[scene.damping(name) for name in scene.strings],
+        fixed=np.array([name in fixed for name in scene.nodes]),
+        bars=np.array([[index[node] for node in bar.nodes] for bar in scene.bars.values()], dtype=int),
+        bar_mass=np.array([bar.mass for bar in scene.bars.values()]),
+        strings=np.array([[index[node] for node in string.nodes] for string in scene.strings.values()], dtype=int),
+        stiffness=np.array([_stiffness(scene, name) for name in scene.strings]),
+        damping=np.array([scene.damping(name) for name in scene.strings]),
         rest_length=np.zeros(len(scene.strings)),
-        nsh=tuple(honeycombs.get(string.nsh) for string in scene.strings.values()),
-        element=tuple(elements.get(string.element) for string in scene.strings.values()),
-        damper=tuple(dampers.get(string.damper) for string in scene.strings.values()),
+        nsh=tuple(honeycombs.get(string.nsh or "") for string in scene.strings.values()),
+        element=tuple(elements.get(string.element or "") for string in scene.strings.values()),
+        damper=tuple(dampers.get(string.damper or "") for string in scene.strings.values()),
         damping_law=scene.damping_law,
         gravity=scene.gravity,
         nominal=nodes,
-        actuator=tuple(actuators.get(string.actuator) for string in scene.strings.values()),
+        actuator=tuple(actuators.get(string.actuator or "") for string in scene.strings.values()),
         point_mass=_in_node_order(scene.point_masses, index),
         drag=_in_node_order(scene.drag, index),
         moving=tuple(sorted(index[node] for node in scene.moving)),

@@ -56,7 +56,7 @@ def string_elongation(model: Model, i: int, force: float) -> float:
         return hysteresis.elongation(model.memories[i], k, force)
     if i in model.laws:
         return laws.law(model.laws[i]).elongation(force, k)
-    return force / k if model.nsh[i] is None else nsh_law.elongation(model.nsh[i], force, k)
+    return nsh_law.elongation(model.honeycombs[i], force, k) if i in model.honeycombs else force / k
 
 
 def _tension(model: Model, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -22,7 +22,7 @@ NEUTRAL = 1e-10  # eigenvalues below this part of the largest are round-off
 class Modes:
     """A tangent stiffness by its eigenvalues (r,), N/m, and eigenvectors (r, r): the linearised flow is solved exactly."""
 
-    matrix: type[Dense] = Dense
+    assembled: type[Dense] = Dense
 
     def __init__(self, tangent: np.ndarray):
         self.values, self.vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
@@ -62,7 +62,7 @@ class Modes:
 class _Factors:
     """A large tangent stiffness (r, r), N/m, by sparse factors: the linearised flow is solved by implicit Euler steps."""
 
-    matrix: type[Sparse] = Sparse
+    assembled: type[Sparse] = Sparse
 
     def __init__(self, tangent: scipy.sparse.csc_array):
         self.tangent = (0.5 * (tangent + tangent.T)).tocsc()
@@ -120,7 +120,7 @@ class SurfacePoint(NamedTuple):
     energy: float
     basis: Matrix
     pull: np.ndarray
-    tangent: Modes | _Factors
+    tangent: Any  # what Surface was given: Modes, _Factors or another with their `assembled`
 
     @property
     def values(self) -> np.ndarray:
@@ -145,7 +145,7 @@ class Surface:
     ):
         self.model, self.load = model, loads(model, force)
         self.decomposition = decomposition or (Modes if freedoms(model) <= SMALL else _Factors)
-        self.balance = balance or Balance(model, self.decomposition.matrix)
+        self.balance = balance or Balance(model, self.decomposition.assembled)
         self.size, self.start = self.balance.size, self.balance.start
         length = lengths_between(model.nodes, model.strings)
         self.branches = string_branches(model, length) if branches is None else branches
@@ -226,7 +226,7 @@ def is_stable(values: np.ndarray) -> bool:
 
 def step_limit(model: Model) -> float:
     """m: longest way of a node in one step: small beside the structure, beside the beams of an NSH and falling stretches."""
-    beams = [h for i in model.nsh_strings for h in model.nsh[i].h]
+    beams = [h for nsh in model.honeycombs.values() for h in nsh.h]
     made = [laws.law(element) for element in model.laws.values()]
     made += [laws.part_law(part) for element in model.memories.values() for part in element.parts]
     beams += [one.end - one.start for law in made for one in law.stretches if one.sign < 0]
