@@ -310,13 +310,10 @@ def agreement_rows(scenes: dict) -> str:
                 ", ".join(f"{row['load']:g}" for row in other) or "–",
             ]
         )
-    heads = [
-        "scene",
-        "at rest after 50 s: largest difference, m",
-        "all, once at rest: m",
-        "not at rest after 50 s, N",
-        "a slow load stands elsewhere, N",
-    ]
+    heads = (
+        "scene | at rest after 50 s: largest difference, m | all, once at rest: m | not at rest after 50 s, N | a slow load "
+        "stands elsewhere, N"
+    )
     return table(heads, body)
 
 

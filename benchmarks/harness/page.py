@@ -14,7 +14,7 @@ import math
 import os
 import re
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -120,10 +120,16 @@ def write_section(page: Path, name: str, text: str) -> None:
     write_text(page, TITLE + INTRODUCTION + "\n" + sections)
 
 
-def table(header: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table; cells may hold vertical bars."""
-    first, *rest = (" | ".join(cell.replace("|", r"\|") for cell in row) for row in [header, *rows])
-    return "\n".join(f"| {line} |" for line in [first, " | ".join("---" for _ in header), *rest])
+def table(header: str | list[str], rows: Iterable[str | list[str]]) -> str:
+    """A Markdown table.  A row is a list of cells, which may hold vertical bars, or a text with ' | ' between its cells."""
+    lines = [row.split(" | ") if isinstance(row, str) else row for row in (header, *rows)]
+    first, *rest = (" | ".join(cell.replace("|", r"\|") for cell in line) for line in lines)
+    return "\n".join(f"| {line} |" for line in [first, " | ".join("---" for _ in lines[0]), *rest])
+
+
+def paragraphs(*blocks: str) -> str:
+    """A page of blocks, those that are empty left out, each filled to the width."""
+    return wrapped("\n\n".join(block for block in blocks if block)) + "\n"
 
 
 def wrapped(text: str, width: int = 124) -> str:

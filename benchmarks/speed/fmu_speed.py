@@ -246,16 +246,9 @@ def cell(values: dict, scale: float = 1e-3) -> str:
 
 
 def step_rows(rows: list[dict]) -> str:
-    head = [
-        "scene",
-        "`ts_step`, 10 µs",
-        "`fmi2DoStep`, 10 µs",
-        "overhead",
-        "`ts_step`, 1 ms",
-        "`fmi2DoStep`, 1 ms",
-        "set 100",
-        "get 100",
-    ]
+    head = (
+        "scene | `ts_step`, 10 µs | `fmi2DoStep`, 10 µs | overhead | `ts_step`, 1 ms | `fmi2DoStep`, 1 ms | set 100 | get 100"
+    )
     names = ("kernel_dense", "fmu_dense", None, "kernel_step", "fmu_step", "set", "get")
     body = [[r["scene"], *(cell(r[n]) if n else number(1e-3 * overhead(r)) for n in names)] for r in rows]
     return table(head, body)

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from benchmarks.harness import machine, problems
-from benchmarks.harness.page import Page, table, wrapped
+from benchmarks.harness.page import Page, paragraphs, table
 from fmu_src import build as build_fmu
 from fmu_src.validation import speed as fmu_speed
 from tensegrity_core.files import scratch
@@ -120,56 +120,30 @@ def best_rows(result: dict) -> str:
         for error in result["conditions"]["errors"]:
             r = best(result["kernel"], scene, damping, error)
             body.append(
-                [
-                    scene,
-                    f"{damping:g}",
-                    f"{error:g}",
-                    f"{r['error']:.1e}",
-                    f"`{r['method']}`",
-                    f"{r['tolerance']:g}",
-                    f"{r['ms_per_s']:.2f}",
-                    f"{r['real_time_factor']:.0f}",
-                    str(r["transitions"]),
-                ]
+                f"{scene} | {damping:g} | {error:g} | {r['error']:.1e} | `{r['method']}` | {r['tolerance']:g} | "
+                f"{r['ms_per_s']:.2f} | {r['real_time_factor']:.0f} | {r['transitions']}"
             )
-    head = [
-        "scene",
-        "d, N s/m",
-        "error <=, m",
-        "reached, m",
-        "method",
-        "tolerance",
-        "ms per second",
-        "x real time",
-        "transitions",
-    ]
+    head = "scene | d, N s/m | error <=, m | reached, m | method | tolerance | ms per second | x real time | transitions"
     return table(head, body)
 
 
 def report(result: dict) -> str:
     """docs/speed.md."""
     where, conditions, fmu = result["machine"], result["conditions"], result["fmu"]
-    return (
-        wrapped(
-            "\n\n".join(
-                [
-                    "# Speed",
-                    "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and "
-                    f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python "
-                    f"{where['python']}, one thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
-                    f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on "
-                    f"the top nodes, {conditions['aside']:g} N aside on the first), fastest setting that reaches the error; "
-                    f"least processor time of {conditions['rounds']} runs:",
-                    best_rows(result),
-                    f"pythonfmu FMU of {fmu['scene']} through fmpy's low-level calls, communication step {fmu['step_size']:g} "
-                    f"s, all {fmu['inputs']} inputs set and all outputs read at every step: "
-                    f"{fmu['time_per_step'] * 1e6:.0f} us per step, {fmu['real_time_factor']:.0f} x real time.",
-                    "The library is compiled for any processor of its platform; the same sources with `-march=native` take "
-                    f"{1.0 / result['processor']['shipped_over_march_native']:.2f} of its time on this machine.",
-                ]
-            )
-        )
-        + "\n"
+    return paragraphs(
+        "# Speed",
+        "Written by `python -m benchmarks.speed.speed`; the figures stand in [speed.json](speed.json), and "
+        f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python "
+        f"{where['python']}, one thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
+        f"Kernel, called from Python, one simulated second of the asymmetric push ({conditions['up']:g} N up on "
+        f"the top nodes, {conditions['aside']:g} N aside on the first), fastest setting that reaches the error; "
+        f"least processor time of {conditions['rounds']} runs:",
+        best_rows(result),
+        f"pythonfmu FMU of {fmu['scene']} through fmpy's low-level calls, communication step {fmu['step_size']:g} "
+        f"s, all {fmu['inputs']} inputs set and all outputs read at every step: "
+        f"{fmu['time_per_step'] * 1e6:.0f} us per step, {fmu['real_time_factor']:.0f} x real time.",
+        "The library is compiled for any processor of its platform; the same sources with `-march=native` take "
+        f"{1.0 / result['processor']['shipped_over_march_native']:.2f} of its time on this machine.",
     )
 
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import Page, table, wrapped
+from benchmarks.harness.page import Page, paragraphs, table
 from tensegrity_core.files import scratch
 from tensegrity_core.native import build
 from tensegrity_core.scene import builtin_scenes
@@ -126,26 +126,18 @@ def report(result: dict) -> str:
     means = [mean(found[s, t]["ratio"] for s in scenes) for t in titles]
     body.append(["geometric mean", *(f"{value:.3f}" for value in means)])
     over = sum(r["ratio"] > 1.02 for r in rows)
-    return (
-        wrapped(
-            "\n\n".join(
-                [
-                    "# What unused parts cost",
-                    "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in "
-                    "[unused_parts.json](unused_parts.json), and "
-                    f"`--redraw` writes this page from them. {where['processor']}, {where['system']}, Python "
-                    f"{where['python']}, one thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
-                    f"Processor time of the kernel over that of the kernel at commit {result['before']}, which knew neither "
-                    "actuators, moved nodes, point masses, drag and gravity vectors, nor general force laws and memory; in "
-                    "brackets the time of a communication step, called from Python. The six scenes have none of these parts. "
-                    f"Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
-                    f"Positions at the end differ by at most {max(r['apart'] for r in rows):.0e} m.",
-                    table(["scene", *titles], body),
-                    f"Over all: {mean(r['ratio'] for r in rows):.3f}. {over} of {len(rows)} ratios exceed 1.02.",
-                ]
-            )
-        )
-        + "\n"
+    return paragraphs(
+        "# What unused parts cost",
+        "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), "
+        f"and `--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one "
+        f"thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
+        f"Processor time of the kernel over that of the kernel at commit {result['before']}, which knew neither "
+        "actuators, moved nodes, point masses, drag and gravity vectors, nor general force laws and memory; in "
+        "brackets the time of a communication step, called from Python. The six scenes have none of these parts. "
+        f"Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
+        f"Positions at the end differ by at most {max(r['apart'] for r in rows):.0e} m.",
+        table(["scene", *titles], body),
+        f"Over all: {mean(r['ratio'] for r in rows):.3f}. {over} of {len(rows)} ratios exceed 1.02.",
     )
 
 

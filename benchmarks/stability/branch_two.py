@@ -311,22 +311,19 @@ def draw(data: dict) -> Figure:
     return figure
 
 
+def _draw_by_mass(ax, rows, measured: str) -> None:
+    for mass, mark in MASS_MARK.items():
+        delta, value = zip(*((row["delta"], row[measured]) for row in rows if row["mass"] == mass))
+        style = {"color": common.COLOURS[1], "fillstyle": "none", "ms": 4 + 2 * MASSES.index(mass)}
+        ax.plot(delta, value, mark, label=f"m = {mass:g} kg", **style)
+    ax.set_xscale("symlog", linthresh=0.1, linscale=0.4)
+
+
 def _draw_growth(ax, rows) -> None:
     delta = np.r_[0.0, np.geomspace(0.05, 200.0, 200)]
     ax.plot(delta, growth(delta), color=common.COLOURS[0], label="theory")
     ax.plot(delta[1:], 1.0 / delta[1:], color=common.COLOURS[4], ls=":", label="κ/d")
-    for mass, mark in MASS_MARK.items():
-        chosen = [row for row in rows if row["mass"] == mass]
-        ax.plot(
-            [row["delta"] for row in chosen],
-            [row["rate"] for row in chosen],
-            mark,
-            color=common.COLOURS[1],
-            fillstyle="none",
-            ms=4 + 2 * MASSES.index(mass),
-            label=f"m = {mass:g} kg",
-        )
-    ax.set_xscale("symlog", linthresh=0.1, linscale=0.4)
+    _draw_by_mass(ax, rows, "rate")
     ax.set(
         yscale="log",
         ylim=(4e-3, 2.0),
@@ -342,18 +339,7 @@ def _draw_snap_times(ax, rows) -> None:
     ax.plot(delta, [snap_time(x, OVERLOAD) for x in delta], color=common.COLOURS[0], label="theory")
     ax.axhline(snap_time_undamped(OVERLOAD), color=common.COLOURS[4], ls=":", label="no damping; no mass")
     ax.plot(delta[10:], delta[10:] * snap_time_overdamped(OVERLOAD), color=common.COLOURS[4], ls=":")
-    for mass, mark in MASS_MARK.items():
-        chosen = [row for row in rows if row["mass"] == mass]
-        ax.plot(
-            [row["delta"] for row in chosen],
-            [row["time"] for row in chosen],
-            mark,
-            color=common.COLOURS[1],
-            fillstyle="none",
-            ms=4 + 2 * MASSES.index(mass),
-            label=f"m = {mass:g} kg",
-        )
-    ax.set_xscale("symlog", linthresh=0.1, linscale=0.4)
+    _draw_by_mass(ax, rows, "time")
     ax.set(
         yscale="log", xlabel="δ = d/√(mκ)", ylabel="time / √(m/κ)", title=f"Dead load {1 + OVERLOAD:g} f_max: time on branch II"
     )

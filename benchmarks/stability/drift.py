@@ -441,28 +441,16 @@ def section(data: dict) -> str:
     table = []
     for row in rest["rows"]:
         pushed_row = _row(push, row["variant"])
+        rates_of = " | ".join(_number(row[name], "3f") for name in ("theory_rate", "rate"))
+        first, second, pushed_first = (_number(time, "2f") for time in (*row["time_to"], pushed_row["time_to"][0]))
         table.append(
-            [
-                row["label"],
-                _number(row["theory_rate"], "3f"),
-                _number(row["rate"], "3f"),
-                _number(row["time_to"][0], "2f"),
-                _number(row["time_to"][1], "2f"),
-                f"{row['end_error']:.1e}",
-                _number(pushed_row["time_to"][0], "2f"),
-                f"{pushed_row['largest']:.1e}",
-            ]
+            f"{row['label']} | {rates_of} | {first} | {second} | {row['end_error']:.1e} | {pushed_first} | "
+            f"{pushed_row['largest']:.1e}"
         )
-    header = [
-        "formulation",
-        "theory, 1/s",
-        "measured, 1/s",
-        "1e-3 after, s",
-        "10 % after, s",
-        "|e|/l² at the end",
-        "pushed: 1e-3 after, s",
-        "pushed: largest |e|/l²",
-    ]
+    header = (
+        "formulation | theory, 1/s | measured, 1/s | 1e-3 after, s | 10 % after, s | |e|/l² at the end | pushed: 1e-3 after, "
+        "s | pushed: largest |e|/l²"
+    )
     return common.wrapped(f"""
 ## Drift of the bars' lengths
 

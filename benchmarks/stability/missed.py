@@ -299,28 +299,18 @@ def section(data: dict) -> str:
     names = list(data["grazes"]["found"])
     tallies = {name: tally(data, name) for name in names}
     ours = [t for name, t in tallies.items() if name.startswith("ours")]
-    header = [
-        "solver",
-        "missed",
-        "too many",
-        "most transitions found",
-        "deepest missed, m",
-        "tightest tolerance of a miss that ours finds",
-        "found, not by ours",
-    ]
-    header += [f"d = {row['damping']:g}: all {row['transitions']} from" for row in data["pushed"]]
+    header = (
+        "solver | missed | too many | most transitions found | deepest missed, m | tightest tolerance of a miss that ours "
+        "finds | found, not by ours"
+    )
+    header += "".join(f" | d = {row['damping']:g}: all {row['transitions']} from" for row in data["pushed"])
     rows = []
     for name, t in tallies.items():
-        row = [
-            name,
-            f"{t.missed} of {t.all}",
-            str(t.too_many),
-            str(t.most),
-            number(t.deepest, ".1e"),
-            number(t.tightest),
-            str(t.ahead),
-        ]
-        rows.append(row + [from_on(data["tolerances"], p["found"][name], p["transitions"]) for p in data["pushed"]])
+        seen = f"{name} | {t.missed} of {t.all} | {t.too_many} | {t.most} | {number(t.deepest, '.1e')} | {number(t.tightest)}"
+        rows.append(
+            f"{seen} | {t.ahead}".split(" | ")
+            + [from_on(data["tolerances"], p["found"][name], p["transitions"]) for p in data["pushed"]]
+        )
     others = {
         family: max((t for name, t in tallies.items() if name.split()[0] == family), key=lambda t: t.missed)
         for family in dict.fromkeys(name.split()[0] for name in names if not name.startswith("ours"))

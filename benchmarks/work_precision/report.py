@@ -197,20 +197,10 @@ def ratio_table(result: dict) -> str:
             peer = fastest(rows, name, **kind)
             cells += [_time(peer), _over(peer, auto)]
         lines.append(cells)
-    head = [
-        "d, N s/m",
-        "`auto`",
-        "our best other",
-        "`auto` / it",
-        "best SUNDIALS, all set-ups",
-        "/ `auto`",
-        "best SUNDIALS, plain set-up",
-        "/ `auto`",
-        "best CVODE",
-        "/ `auto`",
-        "best SciPy",
-        "/ `auto`",
-    ]
+    head = (
+        "d, N s/m | `auto` | our best other | `auto` / it | best SUNDIALS, all set-ups | / `auto` | best SUNDIALS, plain "
+        "set-up | / `auto` | best CVODE | / `auto` | best SciPy | / `auto`"
+    )
     return table(head, lines)
 
 
