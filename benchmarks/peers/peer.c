@@ -201,7 +201,7 @@ void peer_switch(peer *p, double *x, const int *found)
         ts_place(p->sim, i, after);
         p->counts.transitions++;
     }
-    ts_project(p->sim, x);
+    ts_project(&p->sim->m, x);
 }
 
 double peer_outputs(peer *p, const double *x, double *position)

@@ -14,7 +14,7 @@
 /* Curves by the present parameters: TS_OK, or what is wrong. */
 int ts_build_curves(ts_sim *sim)
 {
-    const char *reason = ts_curves_build(sim);
+    const char *reason = ts_curves_build(&sim->laws, &sim->m, sim->io.values);
     if (!reason) return TS_OK;
     ts_say(sim, reason);
     return strcmp(reason, "out of memory") ? TS_BAD_INPUT : TS_BAD_MODEL;
@@ -64,7 +64,7 @@ void ts_keep_curves(ts_sim *sim)
 {
     if (!sim->memory.started) return;
     ts_swap_applied(sim);
-    if (ts_curves_build(sim)) sim->memory.started = 0;
+    if (ts_curves_build(&sim->laws, &sim->m, sim->io.values)) sim->memory.started = 0;
     else ts_derive(sim);
     ts_swap_back(sim);
 }

@@ -90,14 +90,14 @@ int ts_check(ts_sim *sim, int32_t *index)
 }
 
 /* Smallest rest length of a string within the step, m: at an end, or where its rate, a quadratic, is zero. */
-static double shortest_rest_length(const ts_sim *sim, int i, double h)
+static double shortest_rest_length(const ts_rest *rest, int i, double h)
 {
-    double r = sim->rest.rate[i], b = sim->rest.bend[i], j = sim->rest.jerk[i];
-    double least = fmin(sim->rest.length[i], ts_rest_length(sim, i, h));
+    double r = rest->rate[i], b = rest->bend[i], j = rest->jerk[i];
+    double least = fmin(rest->length[i], ts_rest_length(rest, i, h));
     double root = b * b - 2.0 * j * r, q = -(b + (b < 0.0 ? -1.0 : 1.0) * sqrt(root)); /* no number where there is no root */
     double turn[2] = {q / j, 2.0 * r / q};
     for (int k = 0; k < 2; k++)
-        if (turn[k] > 0.0 && turn[k] < h) least = fmin(least, ts_rest_length(sim, i, turn[k]));
+        if (turn[k] > 0.0 && turn[k] < h) least = fmin(least, ts_rest_length(rest, i, turn[k]));
     return least;
 }
 
@@ -126,7 +126,7 @@ int ts_check_change(ts_sim *sim, double h)
             return TS_BAD_INPUT;
         }
     for (int i = 0; i < m->count[TS_S]; i++)
-        if (sim->rest.moves && shortest_rest_length(sim, i, h) < -4.0 * DBL_EPSILON * sim->rest.length[i]) {
+        if (sim->rest.moves && shortest_rest_length(&sim->rest, i, h) < -4.0 * DBL_EPSILON * sim->rest.length[i]) {
             ts_say(sim, "a rest length would become negative within the step");
             return TS_BAD_INPUT;
         }

@@ -30,7 +30,7 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
         free(sim);
         return NULL;
     }
-    const char *reason = ts_dampers_build(sim);
+    const char *reason = ts_dampers_build(&sim->laws, &sim->m);
     if (reason || ts_reset(sim) != TS_OK) {
         snprintf(message, capacity, "%s", reason ? reason : sim->told.message);
         ts_free(sim);
@@ -59,8 +59,8 @@ int ts_reset(ts_sim *sim)
 void ts_free(ts_sim *sim)
 {
     if (!sim) return;
-    ts_curves_free(sim);
-    ts_dampers_free(sim);
+    ts_curves_free(&sim->laws, sim->m.count[TS_S]);
+    ts_dampers_free(&sim->laws, sim->m.count[TS_S]);
     ts_model_free(sim);
     free(sim);
 }
@@ -129,7 +129,7 @@ int ts_initialize(ts_sim *sim, double time)
     memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
     ts_prepare(sim);
     move_to_centres(sim);
-    ts_project(sim, sim->state.y);
+    ts_project(&sim->m, sim->state.y);
     ts_jump_bases(sim, NULL, NULL, 0.0);
     /* strings with memory come from slack; what that dissipated was before the start */
     memset(sim->state.piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);

@@ -105,12 +105,6 @@ static const double *next_values(program *p, int count)
 
 static void compile(ts_law *law, program *p, int depth);
 
-static void free_parts(ts_law *part, int n)
-{
-    for (int j = 0; part && j < n; j++) ts_law_free(part + j);
-    free(part);
-}
-
 /* The n parts of a sum, each compiled; NULL with a reason. */
 static ts_law *read_parts(program *p, int n, int depth, const char **reason)
 {
@@ -121,7 +115,7 @@ static ts_law *read_parts(program *p, int n, int depth, const char **reason)
         *reason = part[j].reason;
     }
     if (!*reason) return part;
-    free_parts(part, n);
+    ts_laws_free(part, n);
     return NULL;
 }
 
@@ -136,7 +130,7 @@ static void compile_parts(ts_law *law, program *p, int kind, int depth)
     if (!part) return;
     if (kind == TS_ELEMENT_PARALLEL) ts_parallel(law, part, n);
     else ts_series(law, part, n);
-    free_parts(part, n);
+    ts_laws_free(part, n);
 }
 
 /* A polynomial or table counts as snapped from its first falling piece on. */

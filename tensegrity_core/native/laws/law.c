@@ -21,6 +21,13 @@ void ts_law_free(ts_law *law)
     memset(law, 0, sizeof *law);
 }
 
+/* Parts and the array that holds them. */
+void ts_laws_free(ts_law *part, int n)
+{
+    for (int j = 0; part && j < n; j++) ts_law_free(part + j);
+    free(part);
+}
+
 /* Append a piece; its rows are those at the table's end. */
 void ts_law_append(ts_law *law, ts_law_piece piece)
 {

@@ -26,6 +26,7 @@ typedef struct {
 } ts_law;
 
 void ts_law_free(ts_law *law);
+void ts_laws_free(ts_law *part, int n);
 void ts_law_append(ts_law *law, ts_law_piece piece);
 void ts_law_append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped,
                               int smooth);

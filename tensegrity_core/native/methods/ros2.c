@@ -44,7 +44,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     for (int i = 0; i < n; i++) U[i] = sim->start.f[i];
     ts_stage_solve(sim, a, U);
     add_stages(sim->state.y, A[robust], 1, U, stride, 1.0, n, sim->attempt.y);
-    ts_project(sim, sim->attempt.y); /* else it would see strings longer by the square of the step */
+    ts_project(&sim->m, sim->attempt.y); /* else it would see strings longer by the square of the step */
     ts_rhs(sim, tau + ALPHA * h, sim->attempt.y, sim->ahead.f);
     add_stages(sim->ahead.f, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
     ts_stage_solve(sim, a, U + stride);

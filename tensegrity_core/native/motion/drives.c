@@ -113,10 +113,9 @@ static double derivative(const double *p, int D, int d, int order, double tau)
 }
 
 /* Position and velocity of a moved node at tau from the step's start (D). */
-void ts_base_at(const ts_sim *sim, double tau, int e, double *x, double *v)
+void ts_base_at(const ts_bases *bases, int D, double tau, int e, double *x, double *v)
 {
-    int D = sim->m.count[TS_D];
-    const double *p = sim->bases.start + DERIVATIVES * e * D;
+    const double *p = bases->start + DERIVATIVES * e * D;
     for (int d = 0; d < D; d++) {
         x[d] = derivative(p, D, d, 0, tau);
         v[d] = derivative(p, D, d, 1, tau);

@@ -2,12 +2,13 @@
 #ifndef TENSEGRITY_DRIVES_H
 #define TENSEGRITY_DRIVES_H
 
+#include "model/data.h"
 #include "tensegrity.h"
 
 void ts_drive(ts_sim *sim);
 void ts_weigh(ts_sim *sim);
 void ts_move_bases(ts_sim *sim, double tau);
-void ts_base_at(const ts_sim *sim, double tau, int mover, double *x, double *v);
+void ts_base_at(const ts_bases *bases, int D, double tau, int mover, double *x, double *v);
 void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, double tau);
 void ts_wind(ts_sim *sim, const double *y);
 double ts_wound(const ts_sim *sim, const double *y, int string);

@@ -28,10 +28,10 @@ ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, cons
         ts_curve_force(sim->laws.curve + i, sim->state.piece[i], sim->strings.elongation[i], k, &slope);
     if (sim->m.string.damped_count) {
         double by_rate;
-        ts_damping_law(sim, i, sim->strings.rate[i], &by_rate);
+        ts_damping_law(&sim->laws, i, sim->strings.rate[i], &by_rate);
         damping += exact || by_rate > 0.0 ? by_rate : 0.0;
     }
-    double rest_rate = ts_rest_rate(sim, i, tau), rest_bend = sim->rest.bend[i] + sim->rest.jerk[i] * tau;
+    double rest_rate = ts_rest_rate(&sim->rest, i, tau), rest_bend = sim->rest.bend[i] + sim->rest.jerk[i] * tau;
     double rate = sim->strings.rate[i] + (sim->m.drive.winder[i] >= 0 ? sim->rest.rate_now[i] : rest_rate);
     double density = (sim->strings.fs[i] + sim->strings.fd[i]) * over;
     for (int d = 0; d < D; d++) {
@@ -195,12 +195,12 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
 void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y)
 {
     sim->memory.stats[TS_JACOBIANS]++;
-    DISPATCH(sim, jacobian, sim, tau, y, 1);
+    DISPATCH(&sim->m, jacobian, sim, tau, y, 1);
 }
 
 /* The part that damps. */
 void ts_damping_jacobian(ts_sim *sim, double tau, const double *y)
 {
     sim->memory.stats[TS_JACOBIANS]++;
-    DISPATCH(sim, jacobian, sim, tau, y, 0);
+    DISPATCH(&sim->m, jacobian, sim, tau, y, 0);
 }

@@ -7,9 +7,9 @@
 #include "model/model.h"
 
 /* Call body(..., D) with D known to the compiler. */
-#define DISPATCH(sim, body, ...)                             \
+#define DISPATCH(model, body, ...)                           \
     do {                                                     \
-        if ((sim)->m.count[TS_D] == 2) body(__VA_ARGS__, 2); \
+        if ((model)->count[TS_D] == 2) body(__VA_ARGS__, 2); \
         else body(__VA_ARGS__, 3);                           \
     } while (0)
 

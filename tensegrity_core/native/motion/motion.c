@@ -95,15 +95,15 @@ void ts_prepare(ts_sim *sim)
 }
 
 /* Rest length of a string at tau from the step's start (m). */
-double ts_rest_length(const ts_sim *sim, int i, double tau)
+double ts_rest_length(const ts_rest *rest, int i, double tau)
 {
-    return sim->rest.length[i] + (sim->rest.rate[i] + (0.5 * sim->rest.bend[i] + sim->rest.jerk[i] * tau / 6.0) * tau) * tau;
+    return rest->length[i] + (rest->rate[i] + (0.5 * rest->bend[i] + rest->jerk[i] * tau / 6.0) * tau) * tau;
 }
 
 /* Its rate (m/s). */
-double ts_rest_rate(const ts_sim *sim, int i, double tau)
+double ts_rest_rate(const ts_rest *rest, int i, double tau)
 {
-    return sim->rest.rate[i] + (sim->rest.bend[i] + 0.5 * sim->rest.jerk[i] * tau) * tau;
+    return rest->rate[i] + (rest->bend[i] + 0.5 * rest->jerk[i] * tau) * tau;
 }
 
 ALWAYS_INLINE double elastic(const ts_sim *sim, int i, double elongation, double *slope)
@@ -119,7 +119,7 @@ double ts_tension(const ts_sim *sim, int i, double elongation, double rate, doub
     double slope;
     *fs = elastic(sim, i, elongation, &slope);
     if (!sim->on.taut[i] || sim->state.clipped[i]) return 0.0;
-    return *fs + sim->io.values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
+    return *fs + sim->io.values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(&sim->laws, i, rate, &slope);
 }
 
 /* Node positions and velocities from the blocks, side by side. */
@@ -215,7 +215,7 @@ static void damper_forces(ts_sim *sim)
     for (int n = 0; n < sim->m.string.damped_count; n++) {
         int i = sim->m.string.with_damper[n];
         double slope;
-        if (sim->on.taut[i]) sim->strings.fd[i] += ts_damping_law(sim, i, sim->strings.rate[i], &slope);
+        if (sim->on.taut[i]) sim->strings.fd[i] += ts_damping_law(&sim->laws, i, sim->strings.rate[i], &slope);
     }
 }
 
@@ -242,8 +242,8 @@ static void place_by_elongation(ts_sim *sim)
         sim->strings.fs[i] = sim->on.k[i] * sim->strings.elongation[i];
         sim->strings.fd[i] = sim->on.d[i] * sim->strings.rate[i];
         if (sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i]) {
-            double slope,
-                f = elastic(sim, i, sim->strings.elongation[i], &slope) + ts_damping_law(sim, i, sim->strings.rate[i], &slope);
+            double slope, f = elastic(sim, i, sim->strings.elongation[i], &slope) +
+                              ts_damping_law(&sim->laws, i, sim->strings.rate[i], &slope);
             sim->state.clipped[i] = f + sim->strings.fd[i] < 0.0;
         }
     }
@@ -253,8 +253,8 @@ static void place_by_elongation(ts_sim *sim)
 static void bend_rest_lengths(ts_sim *sim, double tau)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        sim->rest.now[i] = ts_rest_length(sim, i, tau);
-        sim->rest.rate_now[i] = ts_rest_rate(sim, i, tau);
+        sim->rest.now[i] = ts_rest_length(&sim->rest, i, tau);
+        sim->rest.rate_now[i] = ts_rest_rate(&sim->rest, i, tau);
     }
 }
 
@@ -277,12 +277,12 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
     if (m->damping_law == TS_TENSION_ONLY) clip(sim);
 }
 
-ALWAYS_INLINE void pull(const ts_sim *sim, double *RESTRICT force, const int D)
+/* Forces of the strings on the nodes. */
+ALWAYS_INLINE void pull(const ts_model *m, const ts_strings *found, double *RESTRICT force, const int D)
 {
-    const ts_model *m = &sim->m;
     const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];
     const int32_t *ends = m->packed.strings;
-    const double *fs = sim->strings.fs, *fd = sim->strings.fd, *over = sim->strings.per_length, *s = sim->strings.s;
+    const double *fs = found->fs, *fd = found->fd, *over = found->per_length, *s = found->s;
     for (int i = 0; i < nodes * D; i++) force[i] = 0.0;
     for (int i = 0; i < count; i++) {
         const double density = (fs[i] + fd[i]) * over[i];
@@ -380,7 +380,7 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     const double *q = y, *v = y + nq;
     double *a = dy + nq;
     strings(sim, tau, q, v, driven, D);
-    pull(sim, sim->strings.node_force, D);
+    pull(m, &sim->strings, sim->strings.node_force, D);
     if (driven) ts_drag(sim, sim->strings.node_force);
     ledger_rates(sim, tau, v, dy + 2 * nq, driven);
     gather(sim, tau, sim->strings.node_force, a, driven, D);
@@ -404,7 +404,10 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
 }
 
-APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *dy) { DISPATCH(sim, rhs, sim, tau, y, dy, 1); }
+APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *dy)
+{
+    DISPATCH(&sim->m, rhs, sim, tau, y, dy, 1);
+}
 
 void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
 {
@@ -414,7 +417,7 @@ void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
         driven_rhs(sim, tau, y, dy);
         return;
     }
-    DISPATCH(sim, rhs, sim, tau, y, dy, 0);
+    DISPATCH(&sim->m, rhs, sim, tau, y, dy, 0);
 }
 
 ALWAYS_INLINE void powers(ts_sim *sim, double tau, const double *y, double *p, const int D)
@@ -426,7 +429,7 @@ ALWAYS_INLINE void powers(ts_sim *sim, double tau, const double *y, double *p, c
 void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
 {
     if (!sim->m.drive.any) {
-        DISPATCH(sim, powers, sim, tau, y, p);
+        DISPATCH(&sim->m, powers, sim, tau, y, p);
         return;
     }
     driven_rhs(sim, tau, y, sim->linear.work); /* a moved node's power needs the accelerations */
@@ -437,7 +440,7 @@ void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
 ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int driven, const int D)
 {
     strings(sim, tau, y, y + sim->m.nq, driven, D);
-    pull(sim, sim->strings.node_force, D);
+    pull(&sim->m, &sim->strings, sim->strings.node_force, D);
     if (driven) ts_drag(sim, sim->strings.node_force);
     gather(sim, tau, sim->strings.node_force, Q, driven, D);
     if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
@@ -445,25 +448,25 @@ ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, c
 
 void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
 {
-    if (sim->m.drive.any) DISPATCH(sim, forces, sim, tau, y, Q, 1);
-    else DISPATCH(sim, forces, sim, tau, y, Q, 0);
+    if (sim->m.drive.any) DISPATCH(&sim->m, forces, sim, tau, y, Q, 1);
+    else DISPATCH(&sim->m, forces, sim, tau, y, Q, 0);
 }
 
 ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate,
                                 const int driven, const int D)
 {
     const ts_model *m = &sim->m;
-    double s[3], sd[3], xd = ts_rest_rate(sim, i, tau);
+    double s[3], sd[3], xd = ts_rest_rate(&sim->rest, i, tau);
     string_vector(m, y, y + m->nq, i, s, sd, D);
     for (int end = 0; driven && end < 2; end++) {
         double x[3], v[3], sign = end ? 1.0 : -1.0;
         int mover = m->drive.mover[m->packed.strings[2 * i + end]];
         if (mover < 0) continue;
-        ts_base_at(sim, tau, mover, x, v);
+        ts_base_at(&sim->bases, D, tau, mover, x, v);
         for (int d = 0; d < D; d++) s[d] += sign * x[d], sd[d] += sign * v[d];
     }
     double xi = sqrt(dot(s, s, D));
-    *elongation = xi - ts_rest_length(sim, i, tau);
+    *elongation = xi - ts_rest_length(&sim->rest, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
     if (driven && m->drive.winder[i] >= 0) {
         *elongation += ts_wound(sim, y, i);
@@ -473,7 +476,7 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
 
 APART static void driven_string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate)
 {
-    DISPATCH(sim, string_state, sim, tau, y, i, elongation, rate, 1);
+    DISPATCH(&sim->m, string_state, sim, tau, y, i, elongation, rate, 1);
 }
 
 /* Elongation of one string and its rate. */
@@ -483,7 +486,7 @@ void ts_string_state(const ts_sim *sim, double tau, const double *y, int i, doub
         driven_string_state(sim, tau, y, i, elongation, rate);
         return;
     }
-    DISPATCH(sim, string_state, sim, tau, y, i, elongation, rate, 0);
+    DISPATCH(&sim->m, string_state, sim, tau, y, i, elongation, rate, 0);
 }
 
 ALWAYS_INLINE void project(const ts_model *m, double *y, int block, const int D)
@@ -505,12 +508,12 @@ ALWAYS_INLINE void project_all(const ts_model *m, double *y, const int D)
 }
 
 /* Put a bar vector back on its length: b along itself, b' normal to b. */
-void ts_project_block(const ts_sim *sim, double *y, int block)
+void ts_project_block(const ts_model *m, double *y, int block)
 {
-    if (sim->m.block.turns[block]) DISPATCH(sim, project, &sim->m, y, block);
+    if (m->block.turns[block]) DISPATCH(m, project, m, y, block);
 }
 
-void ts_project(const ts_sim *sim, double *y) { DISPATCH(sim, project_all, &sim->m, y); }
+void ts_project(const ts_model *m, double *y) { DISPATCH(m, project_all, m, y); }
 
 /* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|), for two estimates at
  * once.  Norms of vectors, so that a rotated scene takes the same steps. */
@@ -533,7 +536,7 @@ ALWAYS_INLINE void error_norms(const ts_sim *sim, const double *e, const double 
 void ts_error_norms(const ts_sim *sim, const double *e, const double *e2, const double *y0, const double *y1, double *n,
                     double *n2)
 {
-    DISPATCH(sim, error_norms, sim, e, e2, y0, y1, n, n2);
+    DISPATCH(&sim->m, error_norms, sim, e, e2, y0, y1, n, n2);
 }
 
 double ts_error_norm(const ts_sim *sim, const double *e, const double *y0, const double *y1)

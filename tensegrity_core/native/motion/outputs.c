@@ -140,7 +140,8 @@ static void strings(ts_sim *sim, double tau)
             ts_tension(sim, i, sim->strings.elongation[i], sim->strings.rate[i], &fs); /* the spring pulls all the same */
         force[i] = sim->strings.fs[i] + sim->strings.fd[i];
         elastic[i] = fs;
-        length[i] = sim->strings.elongation[i] + (m->drive.winder[i] < 0 ? ts_rest_length(sim, i, tau) : sim->rest.now[i]);
+        length[i] =
+            sim->strings.elongation[i] + (m->drive.winder[i] < 0 ? ts_rest_length(&sim->rest, i, tau) : sim->rest.now[i]);
     }
 }
 
@@ -240,7 +241,7 @@ void ts_outputs(ts_sim *sim, double tau)
     const ts_model *m = &sim->m;
     double *out = sim->io.values;
     strings(sim, tau);
-    DISPATCH(sim, mechanics, sim, tau);
+    DISPATCH(&sim->m, mechanics, sim, tau);
     drives(sim);
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;

@@ -24,7 +24,7 @@ static double raw_tension(const ts_sim *sim, int i, double elongation, double ra
 {
     double slope, fs = ts_curve_force(sim->laws.curve + i, sim->state.piece[i], elongation,
                                       sim->io.values[sim->m.at[TS_STIFFNESS] + i], &slope);
-    double fd = sim->io.values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(sim, i, rate, &slope);
+    double fd = sim->io.values[sim->m.at[TS_DAMPING] + i] * rate + ts_damping_law(&sim->laws, i, rate, &slope);
     *scale = fabs(fs) + fabs(fd);
     return fs + fd;
 }
@@ -114,7 +114,7 @@ static void at_theta(const step *s, double theta, int i, double *elongation, dou
     for (int k = 0; k < sim->m.string.term_count[i]; k++) {
         s->method->interpolate(sim, theta, t[k].offset, D, sim->attempt.y + t[k].offset);
         s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->attempt.y + nq + t[k].offset);
-        ts_project_block(sim, sim->attempt.y, t[k].block);
+        ts_project_block(&sim->m, sim->attempt.y, t[k].block);
     }
     if (sim->m.drive.winder[i] >= 0) {
         int at = D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.drive.winder[i]);

@@ -104,7 +104,7 @@ static void state_at(ts_sim *sim, const ts_span *span, double theta)
     method->interpolate(sim, theta, 0, in_stages ? sim->m.ny : n, sim->attempt.y);
     if (!in_stages) integrate_ledger(sim, method, span, theta, sim->attempt.y + n);
     memcpy(sim->state.y, sim->attempt.y, sizeof(double) * (size_t)sim->m.ny);
-    ts_project(sim, sim->state.y);
+    ts_project(&sim->m, sim->state.y);
     settle_ledger(sim, span, theta);
 }
 
@@ -143,7 +143,7 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_span *span = &sim->memory.span;
-    ts_project(sim, sim->ahead.y);
+    ts_project(&sim->m, sim->ahead.y);
     method->accept(sim, tau, h);
     memcpy(sim->ahead.elongation, sim->strings.elongation, bytes);
     memcpy(sim->ahead.rate, sim->strings.rate, bytes);
