@@ -6,8 +6,11 @@ block, in the order of `INTEGER_FIELDS`; their value references follow those of 
 
 Adding an output: its row here, then ``python -m tensegrity_core.fields`` (rewrites native/fields.h); its value in the kernel,
 native/motion/outputs.c, and its value in the reference, `reference.run._Run._record`.  Everything else follows: the FMUs'
-variables, description and documentation, results and their files, validation.  An input or a parameter: its row, where native/
-reads it, and where `kernel.packing` starts it.
+variables, description and documentation, results and their files, validation.
+
+Adding an input: its row with a `start`, then the same command; its effect in the kernel, for a force on nodes
+native/motion/kinematics.h, and in the reference, reference/instant.py, where `Load` has it by its name.  Everything else
+follows, the signals under which FMUs are validated, too.
 
 This module imports nothing, so that the build can run it.
 """
@@ -23,7 +26,8 @@ class Field(NamedTuple):
     role: input, tunable, fixed or output; shape: counts as named in `COUNTS`, row-major; variable: the name of its variables,
     {letter} being the component or the axis that a letter of the shape counts, {beam} the beam of an NSH from 1;
     low, high: bounds, None: any finite number; compared: of an output, how it is compared, a key of `COMPARED`; jumps: of an
-    output, whether it jumps at transitions; rate_of: the field of the same component whose time derivative it is.
+    output, whether it jumps at transitions; rate_of: the field of the same component whose time derivative it is; start: the
+    value of an input or a parameter where nothing else is said, None: the model's.
     """
 
     name: str
@@ -37,6 +41,7 @@ class Field(NamedTuple):
     compared: str = ""
     jumps: bool = False
     rate_of: str = ""
+    start: float | None = None
 
 
 #: The smallest number that counts as positive (a normal double).
@@ -76,17 +81,17 @@ COUNTS = {
 
 # fmt: off
 FIELDS = (
-    Field("force", "input", ("F", "D"), "N", "{F}.force.{D}", "external force on a free node, held over a step"),
+    Field("force", "input", ("F", "D"), "N", "{F}.force.{D}", "external force on a free node, held over a step", start=0.0),
     Field("rest_length", "input", ("S",), "m", "{S}.rest_length", "rest length at the start of the next step", low=0.0),
     Field("rest_length_rate", "input", ("S",), "m/s", "{S}.rest_length_rate",
-          "rate of the rest length during the next step", rate_of="rest_length"),
+          "rate of the rest length during the next step", rate_of="rest_length", start=0.0),
     Field("current", "input", ("A",), "A", "{A}.current", "current of an actuator's motor, held over a step"),
     Field("drum_load", "input", ("A",), "N", "{A}.actuator.load", "pull on an actuator's drum beside its string's tension"),
     Field("node_position", "input", ("E", "D"), "m", "{E}.position.{D}",
           "position of a moved node at the start of the next step"),
     Field("node_velocity", "input", ("E", "D"), "m/s", "{E}.velocity.{D}", "its velocity then", rate_of="node_position"),
     Field("node_acceleration", "input", ("E", "D"), "m/s2", "{E}.acceleration.{D}",
-          "its acceleration during the next step", rate_of="node_velocity"),
+          "its acceleration during the next step", rate_of="node_velocity", start=0.0),
     Field("stiffness", "tunable", ("S",), "N/m", "{S}.stiffness",
           "stiffness; of an NSH string: once the NSH has bottomed out", low=0.0),
     Field("damping", "tunable", ("S",), "N.s/m", "{S}.damping", "damping coefficient", low=0.0),
@@ -197,6 +202,12 @@ def owned_words() -> frozenset[str]:
         if owner.startswith("{") and not rest.startswith("{"):
             found.add(rest.replace("[", ".").replace("_", ".").split(".")[0])
     return frozenset(found)
+
+
+def shared_words() -> frozenset[str]:
+    """First words of the variables that no component owns: energy of energy.kinetic, gravity."""
+    firsts = (field.variable.partition(".")[0].partition("{")[0] for field in FIELDS + INTEGER_FIELDS)
+    return frozenset(filter(None, firsts))
 
 
 def require_complete(fields: tuple[Field, ...] = FIELDS + INTEGER_FIELDS) -> None:

@@ -1,8 +1,8 @@
 """The short runs under which an FMU is judged, chosen from the scene so that every one of its laws shows.
 
-*drive* moves every input at once: forces on all free nodes, all rest lengths, moved nodes, currents and loads of drums, each
-at a frequency of its own; rest lengths move so far that strings go slack and snap.  *blows* are constant forces on all free
-nodes that turn round once, at the scene's damping and at weaker and stronger ones.
+*drive* moves every input of fields.py at once, each at a frequency of its own: rest lengths so far that strings go slack and
+snap, an input that nothing is said about here about its start, by a part of the scale that the structure gives to its unit.
+*blows* are constant forces on all free nodes that turn round once, at the scene's damping and at weaker and stronger ones.
 
 How strong and how long follows from the kernel's own runs: of a few strengths the one under which the strings visit the most
 pieces of their force curves; as long as the reference can afford, which counts evaluations and not seconds.
@@ -18,8 +18,12 @@ import numpy as np
 
 from tensegrity_core import kernel
 from tensegrity_core.errors import TensegrityError
+from tensegrity_core.fields import Field
 from tensegrity_core.model import Inputs, Model, grid, held
+from tensegrity_core.model.components import full_shape
+from tensegrity_core.model.inputs import INPUTS, RATES, starts
 
+from ..variables.interface import scale_of
 from .scenarios import DAMPINGS, Scenario, shown_damping
 
 #: Longest simulated time of a run, s, and its number of communication steps.
@@ -36,8 +40,9 @@ STRENGTHS, BLOW = (2.0, 4.0, 8.0, 16.0), 8.0
 LARGEST_PART, BEYOND = 0.4, 0.25
 #: Amplitude of moved nodes as part of the longest bar, and of currents as part of the start currents.
 SHAKING, SWINGING = 0.02, 0.3
-#: Load of drums in terms of `_force_scale`, and how much faster than once in a run the fastest signal turns.
-LOADING, FASTEST = 0.2, 1.5
+#: Load of drums in terms of `_force_scale`, other inputs in terms of their units' scale, and how much faster than once in a run
+#: the fastest signal turns.
+LOADING, MOVING, FASTEST = 0.2, 0.5, 1.5
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
@@ -169,7 +174,20 @@ class _Drive:
             return _balanced(model, self.force * forces(turns * t)[:, None])
 
         times = grid(duration, duration / STEPS)
-        return held(model, times, force, rest_length, current, _motion(model, turns), drum_load)
+        known = {"force": force, "rest_length": rest_length, "current": current, "drum_load": drum_load}
+        others = {name: _swaying(field, model, turns) for name, field in INPUTS.items() if name not in (*known, *MOTION)}
+        return held(model, times, **known, motion=_motion(model, turns), **others)
+
+
+#: What moves as a motion of nodes or with a signal's slope, and has no signal of its own.
+MOTION = (*RATES, *RATES.values())
+
+
+def _swaying(field: Field, model: Model, turns: float):
+    """t -> an input that sways about its start."""
+    shape, start, first = full_shape(field, model), starts(model)[field.name], 100 * (3 + list(INPUTS).index(field.name))
+    waves, size = _waves(math.prod(shape), first), MOVING * scale_of(field.unit, model)
+    return lambda t: start + size * waves(turns * t).reshape(shape)
 
 
 def _waves(count: int, first: int):

@@ -12,6 +12,19 @@ import numpy as np
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, layout, outputs, size
 from tensegrity_core.model import Model
 
+#: Inputs and parameters of which it is known here what depends on them; on any other, all outputs do.
+KNOWN = (
+    "force",
+    "rest_length",
+    "rest_length_rate",
+    "current",
+    "drum_load",
+    "node_position",
+    "node_velocity",
+    "node_acceleration",
+)
+KNOWN += ("stiffness", "damping", "gravity", "drag", "bar_mass", "point_mass", "nsh_Q", "nsh_zeta", "nsh_h", "motor_inertia")
+KNOWN += ("motor_damping", "torque_constant", "drum_radius", "tolerance", "max_step", "method")
 #: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
 #: below, all that is known counts.
 STARTED = ("position", "velocity", "wound_rest_length_rate", "motor_speed", "kinetic", "dissipated", "input_work", "throughput")
@@ -41,6 +54,11 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     out[table.at("elastic", 0)] = set().union(*(table.elastic(s) for s in range(len(model.strings))))
     out[table.at("potential", 0)] = table.weights() | table.all("node_position")
     out |= _of_motion(model, table)
+    given = (field.name for field in (*FIELDS, *INTEGER_FIELDS) if field.role != "output" and field.name not in KNOWN)
+    others = set().union(*map(table.all, given))
+    if others:
+        places = (table.at(f.name, i) for f in outputs() for i in range(size(f, model.counts)))
+        out = {place: out.get(place, set()) | others for place in places}
     return {output: known for output, known in out.items() if known}
 
 

@@ -162,8 +162,11 @@ def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | 
 
 def _nominal(field: Field, start: float | None, model: Model) -> float:
     """A typical magnitude: a parameter's own start, else the scale that the structure gives to the unit."""
-    if field.role != "input" and start:
-        return abs(start)
+    return abs(start) if field.role != "input" and start else float(f"{scale_of(field.unit, model):.3g}")
+
+
+def scale_of(unit: str, model: Model) -> float:
+    """A typical magnitude of what has this unit, by the structure's longest bar and its weight; 1 where these say nothing."""
     length = float(np.max(model.bar_length, initial=1e-3))
     gravity = float(np.linalg.norm(model.g)) or 9.81
     weight = float(np.sum(model.bar_mass)) * gravity or 1.0
@@ -177,7 +180,7 @@ def _nominal(field: Field, start: float | None, model: Model) -> float:
         "N.s/m": weight / (gravity * length) ** 0.5,
         "m/s2": gravity,
     }
-    return float(f"{scale.get(field.unit, 1.0):.3g}")
+    return scale.get(unit, 1.0)
 
 
 def _description(field: Field, component: dict) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS
+from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS, size
+from ..model.components import flattened
 from ..model.elements import Beam, Damper, Element, Polynomial, Series, Spring, Table
+from ..model.inputs import INPUTS, starts
 from ..model.model import Model
 from ..quantities import number
 
@@ -14,21 +16,12 @@ SERIES_LAWS = ("single_valued", "hysteretic")
 
 
 def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np.ndarray]:
-    """Start values of all inputs and parameters, by field name."""
+    """Start values of all inputs and parameters, by field name.  Raises ValueError for one without."""
     beams, motors = list(model.honeycombs.values()), list(model.motors.values())
-    moving, axes = list(model.moving), list(model.axes)
-    return {
-        "force": np.zeros(model.counts["F"] * model.counts["D"]),
-        "rest_length": model.rest_length,
-        "rest_length_rate": np.zeros(len(model.strings)),
+    known = {
         "stiffness": model.stiffness,
         "damping": model.damping,
-        "current": model.current,
-        "drum_load": model.drum_load,
-        "node_position": model.nodes[moving][:, axes].ravel(),
-        "node_velocity": model.velocity[moving][:, axes].ravel(),
-        "node_acceleration": np.zeros(len(moving) * len(axes)),
-        "gravity": np.array([model.gravity] if np.ndim(model.gravity) == 0 else model.g[axes], dtype=float),
+        "gravity": np.array([model.gravity] if np.ndim(model.gravity) == 0 else model.g[list(model.axes)], dtype=float),
         "drag": np.array([value for _, value in model.drag]),
         "point_mass": np.array([value for _, value in model.point_mass]),
         "motor_inertia": np.array([motor.inertia for motor in motors]),
@@ -42,6 +35,13 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "tolerance": np.array([number("tolerance", tolerance)]),
         "max_step": np.array([number("max_step", max_step)]),
     }
+    known |= {name: flattened(INPUTS[name], model, value[None])[0] for name, value in starts(model).items()}
+    for field in FIELDS:
+        if field.role != "output" and field.name not in known:
+            if field.start is None:
+                raise ValueError(f"fields.py: {field.name!r} has no start, and kernel.packing knows none; give its row one")
+            known[field.name] = np.full(size(field, model.counts), field.start)
+    return known
 
 
 def fnv1a(data: bytes) -> int:

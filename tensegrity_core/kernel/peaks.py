@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fields import FIELDS
 from ..model import Inputs, Model, Result
+from ..model.inputs import INPUTS, carried
 from .run import simulate
 
 #: Parts of a step: everywhere at first, then around maxima above NEAR of the largest, so often.
@@ -23,13 +23,7 @@ def refined(inputs: Inputs, times: np.ndarray) -> Inputs:
     """The same inputs, which are resolved, at more communication points; `times` has all of theirs."""
     step = np.clip(np.searchsorted(inputs.times, times[:-1], side="right") - 1, 0, len(inputs.times) - 2)
     since = times[:-1] - inputs.times[step]
-    given = (field.name for field in FIELDS if field.role == "input")
-    found = {name: getattr(inputs, name)[step] for name in given}
-    found["rest_length"] = found["rest_length"] + found["rest_length_rate"] * since[:, None]
-    since, acceleration = since[:, None, None], found["node_acceleration"]
-    found["node_position"] = found["node_position"] + (found["node_velocity"] + 0.5 * acceleration * since) * since
-    found["node_velocity"] = found["node_velocity"] + acceleration * since
-    return replace(inputs, times=times, **found)
+    return replace(inputs, times=times, **carried({name: getattr(inputs, name)[step] for name in INPUTS}, since))
 
 
 def divided(times: np.ndarray, parts: int, steps: np.ndarray) -> np.ndarray:

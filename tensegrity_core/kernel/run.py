@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError, SimulationError
-from ..fields import FIELDS, METHODS, outputs
+from ..fields import METHODS, outputs
 from ..model import Inputs, Model, Result, Transition
 from ..model.components import flattened, spread
+from ..model.inputs import INPUTS, carried
 from .binding import Kernel
 
 #: Calls into which `simulate` divides a step that is more work than one call may take.
@@ -17,8 +18,8 @@ PARTS = 50
 def input_rows(model: Model, inputs: Inputs) -> np.ndarray:
     """(K, inputs) values of all inputs in the order of the kernel's block."""
     inputs = inputs.resolved(model)
-    given = (field for field in FIELDS if field.role == "input")
-    return np.hstack([flattened(field, model, np.asarray(getattr(inputs, field.name), dtype=float)) for field in given])
+    given = ((field, np.asarray(getattr(inputs, name), dtype=float)) for name, field in INPUTS.items())
+    return np.hstack([flattened(field, model, values) for field, values in given])
 
 
 def _step(kernel: Kernel, h: float) -> list[Transition]:
@@ -31,12 +32,10 @@ def _step(kernel: Kernel, h: float) -> list[Transition]:
     else:
         return kernel.transitions if kernel.transition_count else []
     found: list[Transition] = []
-    length, position, speed = (kernel[name].copy() for name in ("rest_length", "node_position", "node_velocity"))
+    given = {name: kernel[name].copy() for name in INPUTS}
     for n in range(PARTS):
-        t = h * n / PARTS
-        kernel["rest_length"][:] = length + kernel["rest_length_rate"] * t
-        kernel["node_position"][:] = position + (speed + 0.5 * kernel["node_acceleration"] * t) * t
-        kernel["node_velocity"][:] = speed + kernel["node_acceleration"] * t
+        for name, values in carried(given, h * n / PARTS).items():
+            kernel[name][:] = values
         kernel.step(h / PARTS)
         found += kernel.transitions
     return found

@@ -46,30 +46,35 @@ def names(field: Field, model: Model) -> list[str]:
     return [field.variable.format(**component) for component in components(field, model)]
 
 
-def _nodes(field: Field, model: Model) -> np.ndarray | None:
-    """Where the field's vectors stand among all nodes, of inputs of moved nodes among these; None: it has no vectors."""
-    if field.shape[-1:] != ("D",):
-        return None
-    named = {"N": range(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes, "E": range(len(model.moving))}
-    return np.array(named[field.shape[0]], dtype=int)
+def full_shape(field: Field, model: Model) -> tuple[int, ...]:
+    """Shape of the field's values at one instant in a result, or in `Inputs`: vectors have three axes, of all nodes or of those
+    that are moved."""
+    n = len(model.nodes)
+    whole = {"D": 3, "N": n, "F": n, "G": n} if "D" in field.shape else {}
+    return tuple(whole.get(letter, model.counts[letter]) for letter in field.shape)
+
+
+def _places(field: Field, model: Model) -> tuple:
+    """Where the field's values stand in a full shape; all of them where it has no vectors."""
+    if "D" not in field.shape:
+        return (slice(None),)
+    named = {"D": model.axes, "N": range(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes}
+    listed = (named.get(letter, range(model.counts[letter])) for letter in field.shape)
+    return (slice(None), *np.ix_(*(np.array(some, dtype=int) for some in listed)))
 
 
 def spread(field: Field, model: Model, flat: np.ndarray) -> np.ndarray:
     """Flat values (rows, n) in a result's shape; vectors are zero at the other nodes, and positions keep the scene's coordinate
     along an axis that it does not use."""
-    nodes, axes = _nodes(field, model), list(model.axes)
-    if nodes is None:
+    if "D" not in field.shape:
         return flat if field.shape else flat[:, 0]
-    full = np.zeros((len(flat), len(model.nodes), 3))
+    full, places = np.zeros((len(flat), *full_shape(field, model))), _places(field, model)
     if field.compared == "position":
         full[:] = model.nodes
-    full[:, nodes[:, None], axes] = flat.reshape(len(flat), len(nodes), len(axes))
+    full[places] = flat.reshape(full[places].shape)
     return full
 
 
 def flattened(field: Field, model: Model, values: np.ndarray) -> np.ndarray:
     """(rows, n) values out of the shape of a result, or of `Inputs`."""
-    nodes = _nodes(field, model)
-    if nodes is not None:
-        values = values[:, nodes[:, None], list(model.axes)]
-    return values.reshape(len(values), -1)
+    return values[_places(field, model)].reshape(len(values), -1)

@@ -1,7 +1,7 @@
 """Held inputs: what a simulation receives at each communication point.
 
-Over step k, from times[k] to times[k+1], forces and currents are held and the rest length moves with its rate:
-xi0(t) = rest_length[k] + rest_length_rate[k] * (t - times[k]); a moved node goes with a constant acceleration:
+Over step k, from times[k] to times[k+1], an input is held, but for one that has its rate among the inputs, which moves with it
+(`carried`): xi0(t) = rest_length[k] + rest_length_rate[k] * (t - times[k]); a moved node goes with a constant acceleration:
 x(t) = node_position[k] + node_velocity[k] * (t - times[k]) + node_acceleration[k] * (t - times[k])^2 / 2.
 The reference, the kernel and the FMUs all get the same.
 """
@@ -9,53 +9,92 @@ The reference, the kernel and the FMUs all get the same.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import make_dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..fields import FIELDS, Field
 from ..quantities import number
+from .components import full_shape
 from .model import Model
 
+#: The inputs of the list of fields, by name.
+INPUTS = {field.name: field for field in FIELDS if field.role == "input"}
+#: An input that moves during a step -> its rate.
+RATES = {field.rate_of: name for name, field in INPUTS.items() if field.rate_of}
 
-@dataclass(frozen=True)
-class Inputs:
-    """times: (K+1,) s, increasing; force: (K, N, 3) N; rest_length: (K, S) m; rest_length_rate: (K, S) m/s;
-    current: (K, A) A; drum_load: (K, A) N, pull on the actuators' drums beside their strings'; node_position, node_velocity,
-    node_acceleration: (K, E, 3) m, m/s, m/s2, of the moved nodes.
+_Arrays: Any = make_dataclass("_Arrays", ["times", *((name, np.ndarray | None, None) for name in INPUTS)], frozen=True)
 
-    None means: as the model starts, see `resolved`.  The rest lengths of strings with an actuator are ignored.
-    """
 
-    times: np.ndarray
-    force: np.ndarray
-    rest_length: np.ndarray
-    rest_length_rate: np.ndarray
-    current: np.ndarray | None = None
-    drum_load: np.ndarray | None = None
-    node_position: np.ndarray | None = None
-    node_velocity: np.ndarray | None = None
-    node_acceleration: np.ndarray | None = None
+class Inputs(_Arrays):
+    """times: (K+1,) s, increasing; and an array for each input of fields.py:"""
 
     def resolved(self, model: Model) -> Inputs:
-        """The same with every array there: start currents, moved nodes that go on as the model starts, and the model's
-        rest lengths where an actuator winds."""
-        steps, moving = len(self.times) - 1, list(model.moving)
-        elapsed = (np.asarray(self.times, dtype=float)[:-1] - self.times[0])[:, None, None]
-        start = {
-            "current": np.tile(model.current, (steps, 1)),
-            "drum_load": np.tile(model.drum_load, (steps, 1)),
-            "node_position": model.nodes[moving] + model.velocity[moving] * elapsed,
-            "node_velocity": np.tile(model.velocity[moving], (steps, 1, 1)),
-            "node_acceleration": np.zeros((steps, len(moving), 3)),
-        }
-        filled = {name: value for name, value in start.items() if getattr(self, name) is None}
+        """The same with every array there, and with the model's rest lengths where an actuator winds."""
+        steps, given = len(self.times) - 1, {name for name in INPUTS if getattr(self, name) is not None}
+        elapsed = np.asarray(self.times, dtype=float)[:-1] - self.times[0]
+        start = {name: np.tile(value, (steps, *[1] * value.ndim)) for name, value in starts(model).items()}
+        filled = {name: value for name, value in carried(start, elapsed).items() if name not in given}
         if model.actuated:
             wound = list(model.actuated)
-            for name, value in (("rest_length", model.rest_length[wound]), ("rest_length_rate", 0.0)):
-                filled[name] = np.array(getattr(self, name), dtype=float)
-                filled[name][:, wound] = value
+            for name in ("rest_length", "rest_length_rate"):
+                filled[name] = np.array(getattr(self, name) if name in given else filled[name], dtype=float)
+                filled[name][:, wound] = start[name][:, wound]
         return replace(self, **filled)
+
+
+def _line(field: Field) -> str:
+    """An input in one line of the docstring: name, shape, unit, meaning."""
+    letters = ["3" if letter == "D" else "N" if letter == "F" and "D" in field.shape else letter for letter in field.shape]
+    return f"    {field.name}: ({', '.join(['K', *letters])}{'' if letters else ','}) {field.unit}; {field.meaning}"
+
+
+Inputs.__doc__ = (
+    str(Inputs.__doc__).rstrip()
+    + "\n\n"
+    + "\n".join(map(_line, INPUTS.values()))
+    + """
+
+    None means: as the model starts, see `starts`; moved nodes go on.  The rest lengths of strings with an actuator are ignored.
+    """
+)
+
+
+def starts(model: Model) -> dict[str, np.ndarray]:
+    """Each input where nothing is said, in its shape at one step.  Raises ValueError for an input without a start."""
+    moving = list(model.moving)
+    known = {
+        "rest_length": model.rest_length,
+        "current": model.current,
+        "drum_load": model.drum_load,
+        "node_position": model.nodes[moving],
+        "node_velocity": model.velocity[moving],
+    }
+    for name, field in INPUTS.items():
+        if name not in known and field.start is None:
+            raise ValueError(
+                f"fields.py: the input {name!r} has no start, and model.inputs.starts knows none; give its row one"
+            )
+    return {
+        name: np.asarray(known[name], dtype=float) if name in known else np.full(full_shape(field, model), field.start)
+        for name, field in INPUTS.items()
+    }
+
+
+def carried(values: Mapping[str, np.ndarray], tau) -> dict[str, np.ndarray]:
+    """All inputs at tau after the instant at which they had these values, s: one for all, or (rows,), one for each row."""
+
+    def at(name: str, order: int) -> np.ndarray:
+        value = values[name]
+        if name not in RATES:
+            return value
+        since = np.expand_dims(tau, tuple(range(1, value.ndim))) if np.ndim(tau) else tau
+        return value + at(RATES[name], order + 1) * since / order
+
+    return {name: at(name, 1) for name in INPUTS}
 
 
 def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
@@ -69,33 +108,46 @@ def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
     return start + np.arange(count + 1) * duration / count
 
 
-def held(model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None, drum_load=None) -> Inputs:
-    """Sample signals into held inputs.
+def held(
+    model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None, drum_load=None, **others
+) -> Inputs:
+    """Sample signals into held inputs; None, or no signal: as the model starts.
 
-    force: function of t -> (N, 3) N, sampled just after each communication point; None: no force.
+    force: function of t -> (N, 3) N, sampled just after each communication point; current: likewise, (A,) A; drum_load:
+    likewise, N; others: likewise, by the names of the inputs in fields.py.
     rest_length: function of t -> (S,) m, sampled at the communication points and joined by straight lines
-    (rate = difference / step); None: the model's rest lengths.
-    current: function of t -> (A,) A, sampled as the force is; None: the model's start currents; drum_load: likewise, N.
+    (rate = difference / step).
     motion: function of t -> positions (E, 3), m, and velocities (E, 3), m/s, of the moved nodes, sampled at the
-    communication points (acceleration = difference of velocities / step); None: they stay.
+    communication points (acceleration = difference of velocities / step).
+    Raises InputError for a signal of what is no such input.
     """
     times = np.asarray(times, dtype=float)
     steps = len(times) - 1
     middle = 0.5 * (times[1:] + times[:-1])
     inside = times[:-1] + 1e-6 * (middle - times[:-1])
-    forces = np.zeros((steps, len(model.nodes), 3))
-    if force is not None:
-        forces[:] = [force(t) for t in inside]
-    lengths = np.repeat(model.rest_length[None], steps + 1, axis=0)
-    if rest_length is not None:
-        lengths[:] = [rest_length(t) for t in times]
-    rates = np.diff(lengths, axis=0) / np.diff(times)[:, None]
-    more = {}
-    for name, signal in (("current", current), ("drum_load", drum_load)):
+    found: dict[str, np.ndarray] = {}
+    for name, signal in {"force": force, "current": current, "drum_load": drum_load, **others}.items():
+        if name not in INPUTS or name in RATES or name in RATES.values():
+            known = ", ".join(other for other in INPUTS if other not in RATES and other not in RATES.values())
+            raise InputError(f"{name} is no input that is held over a step; those are {known}")
         if signal is not None:
-            more[name] = np.array([signal(t) for t in inside], dtype=float).reshape(steps, -1)
+            found[name] = _sampled(INPUTS[name], model, [signal(t) for t in inside])
+    if rest_length is not None:
+        lengths = np.repeat(model.rest_length[None], steps + 1, axis=0)
+        lengths[:] = [rest_length(t) for t in times]
+        found |= {"rest_length": lengths[:-1], "rest_length_rate": np.diff(lengths, axis=0) / np.diff(times)[:, None]}
     if motion is not None:
         position, velocity = (np.array(part, dtype=float) for part in zip(*(motion(t) for t in times)))
         acceleration = np.diff(velocity, axis=0) / np.diff(times)[:, None, None]
-        more |= {"node_position": position[:-1], "node_velocity": velocity[:-1], "node_acceleration": acceleration}
-    return Inputs(times, forces, lengths[:-1], rates, **more).resolved(model)
+        found |= {"node_position": position[:-1], "node_velocity": velocity[:-1], "node_acceleration": acceleration}
+    return Inputs(times, **found).resolved(model)
+
+
+def _sampled(field: Field, model: Model, values: list) -> np.ndarray:
+    """The values in the shape of `Inputs`."""
+    shape = full_shape(field, model)
+    if len(shape) == 1:
+        return np.array(values, dtype=float).reshape(len(values), -1)
+    found = np.zeros((len(values), *shape))
+    found[:] = values
+    return found

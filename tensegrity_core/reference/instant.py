@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import make_dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..laws import nsh as honeycomb
+from ..model import Inputs
+from ..model.inputs import INPUTS
 from . import motors as actuator
 from .equations import bar_force_density, damping_tension, diagonal, elastic_tension, lengths, string_motion
 from .structure import Structure
@@ -19,20 +22,29 @@ def ground_forces(s: Structure, Nddot, F, bars):
     return (Nddot.dot(s.M) - F - bars) * s.fixed
 
 
-class Load(NamedTuple):
-    """Inputs of one step: force (3, n) N; rest_length (S,) m at `since` (s), moving with rest_length_rate (S,) m/s (of a
-    string with an actuator: its start rest length, and 0); current (A,) A; position, velocity and acceleration (3, E) of
-    the moved nodes at `since`, m, m/s, m/s2; drum_load (A,) N, beside the tension of the string."""
+_Load: Any = make_dataclass("_Load", ["since", *((name, Any, 0.0) for name in INPUTS)], frozen=True)
 
-    since: float
-    force: np.ndarray
-    rest_length: np.ndarray
-    rest_length_rate: np.ndarray
-    current: np.ndarray = np.zeros(0)
-    position: np.ndarray = np.zeros((3, 0))
-    velocity: np.ndarray = np.zeros((3, 0))
-    acceleration: np.ndarray = np.zeros((3, 0))
-    drum_load: np.ndarray | float = 0.0
+
+class Load(_Load):
+    """Inputs of one step, each by its name in fields.py, as they are at `since` (s): vectors as columns, such as force (3, n) N
+    and node_position (3, E) m, others as there, such as rest_length (S,) m, which moves with rest_length_rate (S,) m/s (of a
+    string with an actuator: its start rest length, and 0)."""
+
+
+def load_of(s: Structure, inputs: Inputs, k: int) -> Load:
+    """The inputs of step k, those that are vectors in the axes that the scene uses."""
+    found = {name: getattr(inputs, name)[k] for name in INPUTS}
+    for name, field in INPUTS.items():
+        if "D" in field.shape:
+            found[name] = np.atleast_2d(found[name]).T * s.in_plane
+    home = s.model.nodes[s.moved.nodes].T
+    found["node_position"] = np.where(s.in_plane > 0.0, found["node_position"], home)
+    return Load(float(inputs.times[k]), **found)
+
+
+def external_force(s: Structure, load: Load):
+    """Forces from outside on the nodes (3, n) N: what F of eq. 1 has beside strings, weight and drag.  Their power is input."""
+    return load.force
 
 
 #: Angles delta (rad) and speeds delta' (rad/s) of the actuators, (2, A), of a structure without actuators.
@@ -117,12 +129,12 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
     squares = diagonal(members, members)
     xi = lengths(squares[:m])
     strings = _strings(s, load, mode, t, S, xi, diagonal(S, rates[:, :m]) / xi, winding)
-    F = load.force + s.weight - (S * (strings.tension / xi)).dot(s.C_s)
+    F = external_force(s, load) + s.weight - (S * (strings.tension / xi)).dot(s.C_s)
     if len(s.dragged):
         F -= s.drag * Ndot
     free, moved = F, len(s.moved.nodes) > 0
     if moved:  # the columns of eq. 1 at the free nodes hold the accelerations of the others, too
-        given = load.acceleration.dot(s.moved.select)
+        given = load.node_acceleration.dot(s.moved.select)
         free = F - given.dot(s.M)
     lam = bar_force_density(B, rates[:, m:], squares[m:], free, s.J, s.arms)
     if moved:
@@ -148,7 +160,7 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
     loss per string's damper, node's drag, and motor's damping.
     """
     strings = motion.strings
-    put_in = np.concatenate((diagonal(load.force, Ndot), -strings.tension * load.rest_length_rate))
+    put_in = np.concatenate((diagonal(external_force(s, load), Ndot), -strings.tension * load.rest_length_rate))
     lost = (strings.tension - strings.elastic) * strings.rate
     if len(s.moved.nodes):
         put_in = np.concatenate((put_in, diagonal(motion.ground, Ndot)[s.moved.nodes]))

@@ -29,10 +29,11 @@ from ..fields import INTEGER_FIELDS, outputs
 from ..laws import nsh as honeycomb
 from ..laws.hysteresis import NoStableState, follow
 from ..model import Inputs, Model, Result, Transition
+from ..model.components import full_shape
+from ..model.inputs import INPUTS, carried
 from ..quantities import number
 from .equations import diagonal, string_motion
 from .instant import (
-    Load,
     Mode,
     Strings,
     drift,
@@ -40,6 +41,7 @@ from .instant import (
     fastest_rate,
     gaps,
     kinetic_energy,
+    load_of,
     mode_of,
     motion_at,
     on_constraints,
@@ -134,7 +136,7 @@ class _Run:
         self.stats = {"evaluations": 0, "steps": 0, "restarts": 0}
         self.step_hint = FIRST_STEP
         self.steps_since_row = 0
-        self.load = self._load(0)
+        self.load = load_of(self.s, inputs, 0)
 
     # State and right-hand side.
 
@@ -149,7 +151,7 @@ class _Run:
     def moved(self, t):
         """Position and velocity (3, E) of the moved nodes."""
         load = self.load
-        return path(load.position, load.velocity, load.acceleration, t - load.since)
+        return path(load.node_position, load.node_velocity, load.node_acceleration, t - load.since)
 
     def winding(self, y):
         """Angles and speeds (2, A) of the actuators."""
@@ -219,37 +221,12 @@ class _Run:
 
     # Inputs.
 
-    def _load(self, k: int) -> Load:
-        i, s = self.inputs, self.s
-        home = s.model.nodes[s.moved.nodes].T
-        return Load(
-            float(i.times[k]),
-            i.force[k].T * s.in_plane,
-            i.rest_length[k],
-            i.rest_length_rate[k],
-            i.current[k],
-            np.where(s.in_plane > 0.0, i.node_position[k].T, home),
-            i.node_velocity[k].T * s.in_plane,
-            i.node_acceleration[k].T * s.in_plane,
-            i.drum_load[k],
-        )
-
     def _changes(self, k: int) -> bool:
         """Whether step k's inputs are other than those of step k-1 carried on."""
         i = self.inputs
-        tau = i.times[k] - i.times[k - 1]
-        carried = i.rest_length[k - 1] + i.rest_length_rate[k - 1] * tau
-        position, velocity = path(i.node_position[k - 1], i.node_velocity[k - 1], i.node_acceleration[k - 1], tau)
-        return not (
-            np.array_equal(i.force[k], i.force[k - 1])
-            and np.array_equal(i.rest_length[k], carried)
-            and np.array_equal(i.rest_length_rate[k], i.rest_length_rate[k - 1])
-            and np.array_equal(i.current[k], i.current[k - 1])
-            and np.array_equal(i.drum_load[k], i.drum_load[k - 1])
-            and np.array_equal(i.node_position[k], position)
-            and np.array_equal(i.node_velocity[k], velocity)
-            and np.array_equal(i.node_acceleration[k], i.node_acceleration[k - 1])
-        )
+        before = {name: getattr(i, name)[k - 1] for name in INPUTS}
+        expected = carried(before, i.times[k] - i.times[k - 1])
+        return not all(np.array_equal(getattr(i, name)[k], value) for name, value in expected.items())
 
     def _change_inputs(self, k: int, y, mode: Mode):
         """Take over the inputs of step k.  A jump of a rest length does work, but gives no impulse; that of a moved node's
@@ -257,7 +234,7 @@ class _Run:
         t = float(self.inputs.times[k])
         before = self.energy(t, y, mode)
         (N, Ndot), (position, velocity) = self.unpack(t, y), self.moved(t)
-        self.load = self._load(k)
+        self.load = load_of(self.s, self.inputs, k)
         y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes :])
         settled, losses = self._settled(t, y, mode)
         jump = self.energy(t, y, settled) - before
@@ -267,7 +244,7 @@ class _Run:
 
     def _jumped(self, N, Ndot, position, velocity, others):
         """y after the moved nodes went, at once, from this position and velocity (3, E) to those of the present load."""
-        shift, dv = self.load.position - position, self.load.velocity - velocity
+        shift, dv = self.load.node_position - position, self.load.node_velocity - velocity
         return self.pack(*jumped(self.s.moved, N, Ndot, shift, dv), others)
 
     # The loop.
@@ -633,15 +610,11 @@ def simulate(model: Model, inputs: Inputs, rtol: float = 1e-10, atol: float = 1e
 
 
 def _check_inputs(model: Model, inputs: Inputs) -> None:
-    steps, n, strings = len(inputs.times) - 1, len(model.nodes), len(model.strings)
-    shapes = {"force": (steps, n, 3), "rest_length": (steps, strings), "rest_length_rate": (steps, strings)}
-    shapes |= dict.fromkeys(("current", "drum_load"), (steps, len(model.actuated)))
-    of_moved = ("node_position", "node_velocity", "node_acceleration")
-    shapes |= dict.fromkeys(of_moved, (steps, len(model.moving), 3))
+    steps = len(inputs.times) - 1
     if steps < 1 or not (np.diff(inputs.times) > 0.0).all():
         raise InputError(f"times = {inputs.times!r}: give at least two increasing times")
-    for name, shape in shapes.items():
-        value = getattr(inputs, name)
+    for name, field in INPUTS.items():
+        value, shape = getattr(inputs, name), (steps, *full_shape(field, model))
         if value is None:
             continue
         if value.shape != shape:

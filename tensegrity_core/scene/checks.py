@@ -7,13 +7,13 @@ from itertools import pairwise
 from typing import Any
 
 from ..errors import SceneError
-from ..fields import owned_words
+from ..fields import owned_words, shared_words
 from . import costs
 from .entries import Entry, Scene
 from .messages import choose, twice
 
 #: Names that are not a component's: they stand at the top of the simulation's variables, or mean the time.
-RESERVED_NAMES = ("energy", "solver", "gravity", "time")
+RESERVED_NAMES = shared_words() | {"time"}
 
 #: Names that Windows keeps for devices, with any ending; a scene's name becomes the names of files.
 DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(1, 10)))

@@ -14,6 +14,7 @@ from tensegrity_core.errors import InputError, SimulationError, TensegrityError
 from tensegrity_core.kernel import Kernel, to_bytes
 from tensegrity_core.laws import nsh
 from tensegrity_core.model import NSH, Inputs, components, grid, held
+from tensegrity_core.model.inputs import INPUTS, starts
 from tests.support import changed, push, scene
 from tests.support.driven_scenes import LABORATORY, built
 
@@ -649,13 +650,20 @@ def test_results_are_spread_and_flattened():
 
 
 def test_every_input_has_a_row(monkeypatch):
-    """In the order of the kernel's block; an input that `Inputs` does not know is found at once."""
+    """In the order of the kernel's block; one without a start is found at once."""
     model = built(LABORATORY)
     inputs = held(model, grid(0.02, 0.01))
     rows, simulation = kernel.input_rows(model, inputs), Kernel(model)
     assert rows.shape == (2, simulation.slopes.shape[1])
     np.testing.assert_array_equal(rows[0], simulation.values[: rows.shape[1]])
-    row = next(field for field in fields.FIELDS if field.role == "input")._replace(name="heat")
-    monkeypatch.setattr("tensegrity_core.kernel.run.FIELDS", (*fields.FIELDS, row))
-    with pytest.raises(AttributeError, match="heat"):
-        kernel.input_rows(model, inputs)
+    row = fields.FIELDS[0]._replace(name="heat", start=None)
+    monkeypatch.setitem(INPUTS, "heat", row)
+    with pytest.raises(ValueError, match="'heat' has no start"):
+        starts(model)
+
+
+def test_every_parameter_has_a_start(monkeypatch):
+    row = next(field for field in fields.FIELDS if field.role == "tunable")._replace(name="warmth")
+    monkeypatch.setattr("tensegrity_core.kernel.packing.FIELDS", (*fields.FIELDS, row))
+    with pytest.raises(ValueError, match="'warmth' has no start"):
+        Kernel(scene("two_bar"))

@@ -100,7 +100,7 @@ def test_matrix_equations_against_lagrange(seed):
     V = random.normal(size=(7, 3))
     model = replace(model, rest_length=0.5 * np.linalg.norm(N[model.strings[:, 1]] - N[model.strings[:, 0]], axis=1))
     s = structure.structure(model)
-    load = instant.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), acceleration=base[list(model.moving)].T)
+    load = instant.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), node_acceleration=base[list(model.moving)].T)
     mode = taut_mode(s, np.ones(7))
     motion = instant.motion_at(s, load, mode, 0.0, N.T, V.T)
     acceleration, ground = saddle_point(model, N, V, end_forces(model, N, V), base)
@@ -610,7 +610,7 @@ def test_fastest_rate_is_a_bound():
     motors = {1: Actuator(0.05, 0.2, 0.5, 0.05), 4: Actuator(0.002, 1.0, 2.0, 0.3)}
     model = replace(model, actuator=tuple(motors.get(i) for i in range(7)), damping=np.full(7, 500.0))
     s, free = structure.structure(model), model.free_nodes
-    load = instant.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), np.zeros(2), *np.zeros((3, 3, 3)))
+    load = instant.Load(0.0, np.zeros((3, 7)), model.rest_length, np.zeros(7), np.zeros(2), 0.0, *np.zeros((3, 3, 3)))
     mode, count = taut_mode(s, np.ones(7)), 3 * len(free)
 
     def accelerations(rates):

@@ -1,5 +1,5 @@
-"""What README's table says of additions is true: in a copy of the tree an output and an integrator are added by these steps
-alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
+"""What README's table says of additions is true: in a copy of the tree an output, an input and an integrator are added by these
+steps alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
 """
 
 from __future__ import annotations
@@ -24,6 +24,12 @@ ROW = """    Field("elongation", "output", ("S",), "m", "{S}.elongation", "lengt
 KERNEL = "        sim->io.values[m->at[TS_ELONGATION] + i] = sim->strings.elongation[i];\n"
 REFERENCE = "            elongation=strings.elongation,\n"
 
+#: A uniform wind as an input, the same force on every free node: its row, and its effect in the kernel and in the reference.
+WIND_ROW = """    Field("wind", "input", ("D",), "N", "wind.{D}", "force on each free node, held over a step", start=0.0),
+"""
+WIND_KERNEL = "    return inputs[m->at[TS_WIND] + d] + inputs[m->at[TS_FORCE] + free * m->count[TS_D] + d];\n"
+WIND_REFERENCE = "    return load.force + load.wind * ~s.model.fixed\n"
+
 #: Heun's method, K. Heun, Neue Methoden zur approximativen Integration der Differentialgleichungen einer unabhaengigen
 #: Veraenderlichen, Zeitschrift fuer Mathematik und Physik 45, 1900: what differs from rk4.c, whose dense output it keeps.
 LINE = '    "heun": "explicit Runge-Kutta method of order 2 by Heun, fixed step",\n'
@@ -42,9 +48,13 @@ ATTEMPT = """static double attempt(ts_sim *sim, double tau, double h)
 
 
 def insert(path: Path, before: str, text: str) -> None:
+    change(path, before, text + before)
+
+
+def change(path: Path, before: str, after: str) -> None:
     old = path.read_text(encoding="utf-8")
     assert old.count(before) == 1, f"{path} holds {before!r} {old.count(before)} times"
-    path.write_text(old.replace(before, text + before), encoding="utf-8")
+    path.write_text(old.replace(before, after), encoding="utf-8")
 
 
 def source(tree: Path, name: str) -> Path:
@@ -74,6 +84,17 @@ def add_output(tree: Path) -> None:
     insert(tree / "tensegrity_core" / "reference" / "run.py", "            kinetic=kinetic_energy(", REFERENCE)
 
 
+RIGHT_KERNEL = "    return inputs[m->at[TS_FORCE] + free * m->count[TS_D] + d];\n"
+RIGHT_REFERENCE = "    return load.force\n"
+
+
+def add_input(tree: Path) -> None:
+    """Three files."""
+    insert(tree / "tensegrity_core" / "fields.py", '    Field("stiffness", ', WIND_ROW)
+    change(source(tree, "kinematics.h"), RIGHT_KERNEL, WIND_KERNEL)
+    change(tree / "tensegrity_core" / "reference" / "instant.py", RIGHT_REFERENCE, WIND_REFERENCE)
+
+
 def add_integrator(tree: Path) -> None:
     """Two files."""
     insert(tree / "tensegrity_core" / "fields.py", '    "ros2": ', LINE)
@@ -96,6 +117,7 @@ def tree(tmp_path_factory) -> Path:
             copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
             copy(ROOT / part, folder / part, **({"ignore": kept} if (ROOT / part).is_dir() else {}))
         add_output(folder)
+        add_input(folder)
         add_integrator(folder)
         run(folder, "-m", "tensegrity_core.fields")
         build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY)")

@@ -1,4 +1,4 @@
-/* Inline pieces that motion.c and jacobian.c share. */
+/* Inline pieces that motion.c, jacobian.c and outputs.c share. */
 #ifndef TENSEGRITY_KINEMATICS_H
 #define TENSEGRITY_KINEMATICS_H
 
@@ -17,6 +17,13 @@ ALWAYS_INLINE double dot(const double *a, const double *b, const int D)
 {
     double sum = a[0] * b[0] + a[1] * b[1];
     return D == 3 ? sum + a[2] * b[2] : sum;
+}
+
+/* External force along axis d on a free node, counted among the free ones, from the values of the inputs or from their first or
+ * second derivatives. */
+ALWAYS_INLINE double external_force(const ts_model *m, const double *inputs, int free, int d)
+{
+    return inputs[m->at[TS_FORCE] + free * m->count[TS_D] + d];
 }
 
 /* String vector and its rate from the blocks. */

@@ -26,8 +26,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Generalised force of forces on the free nodes (F, D). */
-static void generalise(const ts_model *m, const double *force, double *Q)
+/* Generalised force of the external forces, from inputs or from their derivatives. */
+static void generalise(const ts_model *m, const double *inputs, double *Q)
 {
     int D = m->count[TS_D];
     memset(Q, 0, sizeof(double) * (size_t)m->nq);
@@ -35,8 +35,9 @@ static void generalise(const ts_model *m, const double *force, double *Q)
         int f = m->node.free_index[n];
         if (f < 0) continue;
         for (int d = 0; d < D; d++) {
-            if (m->node.centre[n] >= 0) Q[m->node.centre[n] * D + d] += force[f * D + d];
-            Q[m->node.block[n] * D + d] += m->node.coef[n] * force[f * D + d];
+            double force = external_force(m, inputs, f, d);
+            if (m->node.centre[n] >= 0) Q[m->node.centre[n] * D + d] += force;
+            Q[m->node.block[n] * D + d] += m->node.coef[n] * force;
         }
     }
 }
@@ -54,13 +55,14 @@ int ts_sloped(const ts_sim *sim) { return any(sim->io.slopes, 2 * sim->io.n_inpu
 static void prepare_forces(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    int force = m->at[TS_FORCE], count = m->count[TS_F] * m->count[TS_D];
-    generalise(m, sim->io.values + force, sim->loads.Q);
-    sim->loads.move = any(sim->io.slopes + force, count) || any(sim->io.slopes + sim->io.n_inputs + force, count);
-    for (int e = 0; e < m->count[TS_E]; e++) sim->loads.move |= m->drive.mover_bar[e] >= 0;
-    if (!sim->loads.move) return;
-    generalise(m, sim->io.slopes + force, sim->loads.rate);
-    generalise(m, sim->io.slopes + sim->io.n_inputs + force, sim->loads.bend);
+    int carried = 0, sloped = ts_sloped(sim);
+    for (int e = 0; e < m->count[TS_E]; e++) carried |= m->drive.mover_bar[e] >= 0;
+    generalise(m, sim->io.values, sim->loads.Q);
+    sim->loads.move = 0;
+    if (!sloped && !carried) return;
+    generalise(m, sim->io.slopes, sim->loads.rate);
+    generalise(m, sim->io.slopes + sim->io.n_inputs, sim->loads.bend);
+    sim->loads.move = carried || any(sim->loads.rate, m->nq) || any(sim->loads.bend, m->nq);
 }
 
 static void prepare_rest_lengths(ts_sim *sim)

@@ -162,14 +162,15 @@ ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
 {
     const ts_model *m = &sim->m;
     const axes falls = of_gravity(m);
-    const double *mass = sim->io.values + m->at[TS_BAR_MASS], *input = sim->io.values + m->at[TS_FORCE];
-    const double *slope = sim->io.slopes + m->at[TS_FORCE], *bend = slope + sim->io.n_inputs;
+    const double *mass = sim->io.values + m->at[TS_BAR_MASS];
+    const double *slopes = sim->io.slopes, *bends = slopes + sim->io.n_inputs;
     for (int n = 0; n < m->count[TS_N]; n++) {
-        int first = m->node.free_index[n] * D;
-        if (first < 0) continue;
-        for (int d = 0; d < D; d++) sim->strings.node_force[n * D + d] += input[first + d];
+        int f = m->node.free_index[n];
+        if (f < 0) continue;
+        double *force = sim->strings.node_force + n * D;
+        for (int d = 0; d < D; d++) force[d] += external_force(m, sim->io.values, f, d);
         for (int d = 0; d < D && sim->loads.move; d++)
-            sim->strings.node_force[n * D + d] += (slope[first + d] + 0.5 * bend[first + d] * tau) * tau;
+            force[d] += (external_force(m, slopes, f, d) + 0.5 * external_force(m, bends, f, d) * tau) * tau;
     }
     for (int i = 0; i < 2 * m->count[TS_B]; i++)
         for (int d = falls.first; d < falls.end; d++)
