@@ -13,18 +13,11 @@ from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, layout, outputs, size
 from tensegrity_core.model import Model
 
 #: Inputs and parameters of which it is known here what depends on them; on any other, all outputs do.
-KNOWN = (
-    "force",
-    "rest_length",
-    "rest_length_rate",
-    "current",
-    "drum_load",
-    "node_position",
-    "node_velocity",
-    "node_acceleration",
+KNOWN = frozenset(
+    """force rest_length rest_length_rate current drum_load node_position node_velocity node_acceleration stiffness damping gravity
+    drag bar_mass point_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant drum_radius tolerance max_step method
+    """.split()
 )
-KNOWN += ("stiffness", "damping", "gravity", "drag", "bar_mass", "point_mass", "nsh_Q", "nsh_zeta", "nsh_h", "motor_inertia")
-KNOWN += ("motor_damping", "torque_constant", "drum_radius", "tolerance", "max_step", "method")
 #: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
 #: below, all that is known counts.
 STARTED = ("position", "velocity", "wound_rest_length_rate", "motor_speed", "kinetic", "dissipated", "input_work", "throughput")
