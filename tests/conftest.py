@@ -49,28 +49,27 @@ def once(tmp_path_factory, name: str, make) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def fmus(tmp_path_factory) -> dict[str, Path]:
-    """Scene name -> its Python FMU."""
+def packed(tmp_path_factory, kind: str, pack) -> dict[str, Path]:
+    """Scene name -> its FMU, made once."""
 
     def make(folder):
         for name in builtin_scenes():
-            pack_python_fmu(scene(name), folder / f"{name}.fmu")
+            pack(scene(name), folder / f"{name}.fmu")
 
-    folder = once(tmp_path_factory, "fmus", make)
+    folder = once(tmp_path_factory, kind, make)
     return {name: folder / f"{name}.fmu" for name in builtin_scenes()}
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory) -> dict[str, Path]:
+    """Scene name -> its Python FMU."""
+    return packed(tmp_path_factory, "fmus", pack_python_fmu)
 
 
 @pytest.fixture(scope="session")
 def native_fmus(tmp_path_factory) -> dict[str, Path]:
     """Scene name -> its native FMU."""
-
-    def make(folder):
-        for name in builtin_scenes():
-            pack_native_fmu(scene(name), folder / f"{name}.fmu")
-
-    folder = once(tmp_path_factory, "native_fmus", make)
-    return {name: folder / f"{name}.fmu" for name in builtin_scenes()}
+    return packed(tmp_path_factory, "native_fmus", pack_native_fmu)
 
 
 def unzipped(fmus: dict[str, Path], tmp_path_factory, what: str) -> dict[str, Path]:

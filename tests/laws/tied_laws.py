@@ -46,6 +46,11 @@ def swing(zeta: float) -> float:
     return (zeta - 2.0) * math.sqrt((zeta - 2.0) / (3.0 * zeta)) / 3.0
 
 
+def extremum(kind: str, zeta: float) -> float:
+    """f_max/(2 Q) or f_min/(2 Q); kind: 'max' or 'min'."""
+    return 1.0 + swing(zeta) if kind == "max" else 1.0 - swing(zeta)
+
+
 def tied(random: np.random.Generator, distance: float) -> NSH:
     """A honeycomb of 2 to 12 beams, some of which tie at a distance: maxima, minima, stops, a stop and a maximum, or all."""
     n = int(random.integers(2, 13))
@@ -57,10 +62,8 @@ def tied(random: np.random.Generator, distance: float) -> NSH:
         h = np.round(h, 2) + 0.01
     for i in group[1:]:
         side = int(random.choice([-1, 1]))
-        if kind == "max":
-            Q[i] = Q[first] * (1.0 + swing(zeta[first])) / (1.0 + swing(zeta[i]))
-        elif kind == "min":
-            Q[i] = Q[first] * (1.0 - swing(zeta[first])) / (1.0 - swing(zeta[i]))
+        if kind in ("max", "min"):
+            Q[i] = Q[first] * extremum(kind, zeta[first]) / extremum(kind, zeta[i])
         elif kind == "stop of max":
             Q[i] = 0.5 * Q[first] * (1.0 + swing(zeta[first]))
         else:

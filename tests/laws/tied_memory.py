@@ -22,7 +22,7 @@ from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws.hysteresis import Branch, follow, memory, start
 from tensegrity_core.model import NSH
 from tensegrity_core.model.elements import Beam, Series
-from tests.laws.tied_laws import FOUR, ONE, TIE, apart, exact, swing
+from tests.laws.tied_laws import FOUR, ONE, TIE, apart, exact, extremum
 
 #: How far off each truth's force of a minimum may be, as a part of the largest force on the stretches that end there.
 ROUND_OFF = 8 * 2.0**-52
@@ -38,10 +38,8 @@ def tied(random: np.random.Generator, distance: float, most: int = 6, fewest: in
     first, kind = group[0], random.choice(["max", "min", "alike", "alike but h"])
     for i in group[1:]:
         side = int(random.choice([-1, 1]))
-        if kind == "max":
-            Q[i] = Q[first] * (1.0 + swing(zeta[first])) / (1.0 + swing(zeta[i]))
-        elif kind == "min":
-            Q[i] = Q[first] * (1.0 - swing(zeta[first])) / (1.0 - swing(zeta[i]))
+        if kind in ("max", "min"):
+            Q[i] = Q[first] * extremum(kind, zeta[first]) / extremum(kind, zeta[i])
         else:
             Q[i], zeta[i] = Q[first], zeta[first]
             if kind == "alike":

@@ -68,19 +68,22 @@ API void multiply(const ts_pattern *p, const double *A, const double *x, double 
 """
 
 
-@pytest.fixture(scope="session")
-def library(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("blocks")
-    (folder / "shim.c").write_text(SHIM, encoding="utf-8")
+def compiled(folder: Path, shim: str, names: tuple[str, ...]) -> ctypes.CDLL:
+    """Files of native/linear with a shim that exports what is tested; a warning is an error."""
+    (folder / "shim.c").write_text(shim, encoding="utf-8")
     command = build.system_compiler() or build.zig()
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
-    sources = [str(folder / "shim.c"), *(str(NATIVE / "linear" / name) for name in ("pattern.c", "blocks.c"))]
+    sources = [str(folder / "shim.c"), *(str(NATIVE / "linear" / name) for name in names)]
     target = folder / build.LIBRARY
-    run = subprocess.run(
-        [*command, *build.FLAGS, f"-I{NATIVE}", *sources, *extra, "-o", str(target)], capture_output=True, text=True
-    )
+    flags = [*build.FLAGS, "-Wall", "-Wextra", "-pedantic", "-Werror", f"-I{NATIVE}"]
+    run = subprocess.run([*command, *flags, *sources, *extra, "-o", str(target)], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-    lib = ctypes.CDLL(str(target))
+    return ctypes.CDLL(str(target))
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory):
+    lib = compiled(tmp_path_factory.mktemp("blocks"), SHIM, ("pattern.c", "blocks.c"))
     pattern, integer, number = ctypes.c_void_p, ctypes.c_int32, ctypes.c_double
     ints = np.ctypeslib.ndpointer(np.int32, flags="C_CONTIGUOUS")
     reals = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")

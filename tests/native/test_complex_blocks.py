@@ -5,8 +5,6 @@ here once more and work on the same patterns.
 """
 
 import ctypes
-import subprocess
-import sys
 from itertools import combinations, permutations
 
 import numpy as np
@@ -14,9 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tensegrity_core.native import build
 from tests.native import test_blocks
-from tests.native.test_blocks import DIMENSIONS, EACH_GRAPH, EPS, NATIVE, SOME_GRAPH, Pattern, path, tower
+from tests.native.test_blocks import DIMENSIONS, EACH_GRAPH, EPS, SOME_GRAPH, Pattern, path, tower
 
 library = test_blocks.library
 
@@ -42,16 +39,7 @@ API void solve(const ts_pattern *p, const double *factor, double *b) { ts_comple
 
 @pytest.fixture(scope="session")
 def complex_library(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("complex_blocks")
-    (folder / "shim.c").write_text(SHIM, encoding="utf-8")
-    command = build.system_compiler() or build.zig()
-    extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
-    sources = [str(folder / "shim.c"), str(NATIVE / "linear" / "complex_blocks.c")]
-    target = folder / build.LIBRARY
-    flags = [*build.FLAGS, "-Wall", "-Wextra", "-pedantic", "-Werror", f"-I{NATIVE}"]
-    run = subprocess.run([*command, *flags, *sources, *extra, "-o", str(target)], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-    lib = ctypes.CDLL(str(target))
+    lib = test_blocks.compiled(tmp_path_factory.mktemp("complex_blocks"), SHIM, ("complex_blocks.c",))
     pattern, number = ctypes.c_void_p, ctypes.c_double
     reals = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
     for name, result, arguments in [

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tensegrity_core.model import Model
+from tensegrity_core.model import Model, Result
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
@@ -49,3 +49,9 @@ def same_picture(drawn: Path, kept: Path) -> None:
     if pictures[0].text["Software"] == pictures[1].text["Software"]:
         apart = np.mean(np.abs(one - other) > 64.0)
         assert apart < 1e-4, f"{apart:.2%} of the points of {kept.name} differ"
+
+
+def same_outputs(outputs: dict[str, np.ndarray], expected: Result) -> None:
+    """Whether an FMU gave what the kernel gives."""
+    for name, known in expected.outputs.items():
+        np.testing.assert_allclose(outputs[name], known, rtol=1e-12, atol=1e-12, err_msg=name)

@@ -22,15 +22,19 @@ AFLOAT = {
     "bars": {"b1": {"nodes": ["n1", "n2"], "mass": 1.0}},
 }
 
-#: A mast with two guys, one of them wound by a motor.
-MAST = {
+#: A mast and where its two guys are held.
+POLE = {
     "name": "mast",
     "plane": "xz",
     "fixed": ["n1", "n3", "n4"],
     "nodes": {"n1": [0.0, 0.0], "n2": [0.0, 1.0], "n3": [-0.6, 0.0], "n4": [0.6, 0.0]},
     "materials": {"cable": {"stiffness": 2000.0, "damping": 20.0}},
-    "actuators": {"winch": {"inertia": 2e-3, "damping": 0.05, "torque_constant": 0.4, "radius": 0.05}},
     "bars": {"b1": {"nodes": ["n1", "n2"], "mass": 1.0}},
+}
+
+#: A mast with two guys, one of them wound by a motor.
+MAST = POLE | {
+    "actuators": {"winch": {"inertia": 2e-3, "damping": 0.05, "torque_constant": 0.4, "radius": 0.05}},
     "strings": {
         "s1": {"nodes": ["n3", "n2"], "material": "cable"},
         "s2": {"nodes": ["n4", "n2"], "material": "cable", "actuator": "winch"},

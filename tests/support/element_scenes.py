@@ -5,13 +5,9 @@ import numpy as np
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
+from tests.support.driven_scenes import POLE
 
-MAST = {
-    "name": "mast",
-    "plane": "xz",
-    "fixed": ["n1", "n3", "n4"],
-    "nodes": {"n1": [0.0, 0.0], "n2": [0.0, 1.0], "n3": [-0.6, 0.0], "n4": [0.6, 0.0]},
-    "materials": {"cable": {"stiffness": 2000.0, "damping": 20.0}},
+MAST = POLE | {
     "nsh": {
         "snap": {"Q": [6.0, 10.0, 8.0], "zeta": [4.0, 5.0, 6.0], "h": [0.01, 0.015, 0.01]},
         "memory": {"Q": [6.0, 10.0, 8.0], "zeta": [4.0, 5.0, 6.0], "h": [0.01, 0.015, 0.01], "law": "hysteretic"},
@@ -44,7 +40,6 @@ MAST = {
         "valve": {"rate": [0.0, 0.1, 0.4], "force": [0.0, 4.0, 6.0]},
         "round": {"rate": [0.0, 0.1, 0.4], "force": [0.0, 4.0, 6.0], "interpolation": "cubic"},
     },
-    "bars": {"b1": {"nodes": ["n1", "n2"], "mass": 1.0}},
     "strings": {
         "s1": {"nodes": ["n3", "n2"], "material": "cable"},
         "s2": {"nodes": ["n4", "n2"], "material": "cable"},
