@@ -254,6 +254,11 @@ def _compare(m: dict, larger: tuple[str, int], smaller: tuple[str, int], factor:
     return [factor * measured(m, *larger) > measured(m, *smaller) for measured in (way, swing)]
 
 
+def _moves_of_both(m: dict, one: int, other: int) -> str:
+    with_it, without = (_moves(m, (kind, one), (kind, other)) for kind in ("nsh", "plain"))
+    return f"{one} and {other}, with: {with_it}; without: {without}"
+
+
 def _moves(m: dict, *cases: tuple[str, int]) -> str:
     """'largest way 0.8, 0.9 m; steady swing 1.0, 1.1 m'."""
     ways, swings = (", ".join(f"{measured(m, *case):.2f}" for case in cases) for measured in (way, swing))
@@ -302,23 +307,13 @@ SECOND = (
         "II",
         "n5 moves farther at d = 50 than at d = 500.",
         lambda m: [c for kind in ("nsh", "plain") for c in _compare(m, (kind, 50), (kind, 500))],
-        lambda m: (
-            "50 and 500, with: "
-            + _moves(m, ("nsh", 50), ("nsh", 500))
-            + "; without: "
-            + _moves(m, ("plain", 50), ("plain", 500))
-        ),
+        lambda m: _moves_of_both(m, 50, 500),
     ),
     Claim(
         "II",
         "n5 moves much less at d = 5000 than at d = 500.",
         lambda m: [c for kind in ("nsh", "plain") for c in _compare(m, (kind, 500), (kind, 5000), MUCH)],
-        lambda m: (
-            "5000 and 500, with: "
-            + _moves(m, ("nsh", 5000), ("nsh", 500))
-            + "; without: "
-            + _moves(m, ("plain", 5000), ("plain", 500))
-        ),
+        lambda m: _moves_of_both(m, 5000, 500),
     ),
     Claim(
         "II",

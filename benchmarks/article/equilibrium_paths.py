@@ -301,15 +301,9 @@ def agreement_rows(scenes: dict) -> str:
         still = [row for row in rows if row["speed_50"] < AT_REST]
         moving = [row for row in rows if row["speed_50"] >= AT_REST]
         other = [row for row in rows if row["slow_apart"] > SAME]
-        body.append(
-            [
-                f"`{name}`",
-                f"{max(row['difference_50'] for row in still):.1e} ({len(still)} loads)",
-                f"{max(row['difference_rest'] for row in rows):.1e}",
-                ", ".join(f"{row['load']:g}" for row in moving) or "–",
-                ", ".join(f"{row['load']:g}" for row in other) or "–",
-            ]
-        )
+        after, rest = max(row["difference_50"] for row in still), max(row["difference_rest"] for row in rows)
+        loads = [", ".join(f"{row['load']:g}" for row in some) or "–" for some in (moving, other)]
+        body.append([f"`{name}`", f"{after:.1e} ({len(still)} loads)", f"{rest:.1e}", *loads])
     heads = (
         "scene | at rest after 50 s: largest difference, m | all, once at rest: m | not at rest after 50 s, N | a slow load "
         "stands elsewhere, N"

@@ -163,19 +163,12 @@ def honeycomb_table(data: dict) -> str:
     loop, run = data["honeycomb"], data["honeycomb"]["machine"]
     rows = []
     for snap, found in zip(loop["snaps"], run["snaps"]):
+        way, on = "there" if snap["way"] > 0 else "back", " → ".join(regions(at) for at in snap["at"])
         rows.append(
-            [
-                "there" if snap["way"] > 0 else "back",
-                " → ".join(regions(at) for at in snap["at"]),
-                f"{1e2 * snap['x']:.4f}",
-                f"{1e2 * found['x']:.4f}",
-                f"{snap['before']:.3f}",
-                f"{snap['after']:.3f}",
-                f"{1e3 * snap['loss']:.3f}",
-                f"{1e3 * found['loss']:.3f}",
-            ]
+            f"{way} | {on} | {1e2 * snap['x']:.4f} | {1e2 * found['x']:.4f} | {snap['before']:.3f} | {snap['after']:.3f} | "
+            f"{1e3 * snap['loss']:.3f} | {1e3 * found['loss']:.3f}"
         )
-    head = ["", "beams 1 to 4 on", "elongation, cm", "kernel, cm", "force before, N", "after, N", "loss, mJ", "kernel, mJ"]
+    head = " | beams 1 to 4 on | elongation, cm | kernel, cm | force before, N | after, N | loss, mJ | kernel, mJ"
     return table(head, rows)
 
 
@@ -229,16 +222,8 @@ def ledger_table(data: dict) -> str:
         name, what = case.split("/")
         about = f"{SYSTEMS[name]}, " + (f"lift of {LEDGER_LIFT:g} N" if what == "lift" else f"square wave, d = {what} N s/m")
         rows.append(
-            [
-                about,
-                f"{one['throughput']:.4g}",
-                f"{one['dissipated']:.7g}",
-                f"{one['dampers']:.7g}",
-                f"{one['snaps']:.7g}",
-                str(one["count"]),
-                f"{one['gap']:.0e}",
-                f"{one['closure']:.0e}",
-            ]
+            f"{about} | {one['throughput']:.4g} | {one['dissipated']:.7g} | {one['dampers']:.7g} | {one['snaps']:.7g} | "
+            f"{one['count']} | {one['gap']:.0e} | {one['closure']:.0e}"
         )
     head = ["", "throughput, J", "dissipated, J", "in dampers, J", "in snaps, J", "snaps", "gap", "ledger"]
     return table(head, rows)
@@ -296,15 +281,8 @@ def wave_table(data: dict) -> str:
             one = data["II"][law][f"{d:g}"]
             snaps, dampers = one["in_snaps"], one["in_dampers"]
             rows.append(
-                [
-                    f"d = {d:g} N s/m, {NAMES[law]}",
-                    f"{one['way']:.3f}",
-                    f"{one['force_peak']:.1f}",
-                    f"{one['force_mean']:.1f}",
-                    str(one["snaps"]),
-                    f"{snaps[0]:.3f}, {np.mean(snaps[1:]):.3f}",
-                    f"{dampers[0]:.1f}, {np.mean(dampers[1:]):.1f}",
-                ]
+                f"d = {d:g} N s/m, {NAMES[law]} | {one['way']:.3f} | {one['force_peak']:.1f} | {one['force_mean']:.1f} | "
+                f"{one['snaps']} | {snaps[0]:.3f}, {np.mean(snaps[1:]):.3f} | {dampers[0]:.1f}, {np.mean(dampers[1:]):.1f}"
             )
     head = ["", "way of n5, m", "peak of n1-n4, N", "mean, N", "snaps in 5 s", "J per second in snaps", "in dampers"]
     return table(head, rows)

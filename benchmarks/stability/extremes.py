@@ -156,19 +156,9 @@ def section(data: dict) -> str:
             ended = "finished" if finished else f"`{row['status']}` at {row['time']:.3g} s"
             error = "–" if row["error"] is None else f"{row['error']:.1e}"
             ledger = "–" if row["ledger"] is None else f"{row['ledger']:.0e}"
-            rows.append(
-                [
-                    case["label"],
-                    row["method"],
-                    ended,
-                    error,
-                    "–" if case["known"] is None else f"{case['known']:.0e}",
-                    ledger,
-                    str(row["transitions"]),
-                    str(row["steps"]),
-                    str(row["rejected"]),
-                ]
-            )
+            known = "–" if case["known"] is None else f"{case['known']:.0e}"
+            counts = (str(row[name]) for name in ("transitions", "steps", "rejected"))
+            rows.append([case["label"], row["method"], ended, error, known, ledger, *counts])
     runs = [row for case in data["cases"] for row in case["rows"]]
     stopped = [row for row in runs if row["status"] != "finished"]
     names = ", ".join(f"`{status}`" for status in sorted({row["status"] for row in stopped}))

@@ -341,16 +341,8 @@ def section(data: dict) -> str:
         for run in moving["runs"]:
             theory = f"{run['theory'][-1]:.2e}" if "theory" in run else "–"
             rows.append(
-                [
-                    moving["title"],
-                    label(run),
-                    f"{run['step_count'] / data['periods']:.1f}",
-                    f"{run['transitions']}",
-                    f"{run['energy'][-1]:.2e}",
-                    theory,
-                    f"{run['angular'][-1]:.0e}",
-                    f"{run['linear'][-1]:.0e}",
-                ]
+                f"{moving['title']} | {label(run)} | {run['step_count'] / data['periods']:.1f} | {run['transitions']} | "
+                f"{run['energy'][-1]:.2e} | {theory} | {run['angular'][-1]:.0e} | {run['linear'][-1]:.0e}"
             )
     header = ["motion", "run", "steps per period", "transitions", "energy", "theory", "angular momentum", "linear momentum"]
     others = max(off_theory(linear, method) for method in ("rk4", "dop853", "rodas5p"))
