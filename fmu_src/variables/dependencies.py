@@ -14,8 +14,9 @@ from tensegrity_core.model import Model
 
 #: Inputs and parameters of which it is known here what depends on them; on any other, all outputs do.
 KNOWN = frozenset(
-    """force rest_length rest_length_rate current drum_load node_position node_velocity node_acceleration stiffness damping gravity
-    drag bar_mass point_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant drum_radius tolerance max_step method
+    """force rest_length rest_length_rate current drum_load node_position node_velocity node_acceleration stiffness damping
+    gravity drag bar_mass point_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant drum_radius tolerance
+    max_step method
     """.split()
 )
 #: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
