@@ -37,7 +37,7 @@ def test_the_kernel_s_tests_keep_the_assertions():
     [
         ("laws/curve.c", "i + 1 < c->pieces ? i + 1 : -1", "i + 2"),
         ("motion/motion.c", "c[d] *= factor;", "c[d] *= 1.00001 * factor;"),
-        ("model/packed.c", "5 * m->count[TS_E] * D", "(a->base ? 5 : 9) * (m->count[TS_E] * D + 1)"),
+        ("model/packed.c", "5 * E * D", "(a->base ? 5 : 9) * (E * D + 1)"),
     ],
 )
 def test_what_breaks_an_assertion_is_found(tmp_path, monkeypatch, file, there, wrong):

@@ -73,57 +73,86 @@ static void take(arena *a, size_t count, size_t size, void *pointer)
 
 #define TAKE(pointer, n) take(a, (size_t)(n), sizeof *(pointer), &(pointer))
 
-static void lay_out_arena(ts_sim *sim, arena *a)
+static void take_model(ts_model *m, arena *a)
 {
-    ts_model *m = &sim->m;
-    int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], D = m->count[TS_D], nq = m->nq, ny = m->ny;
-    size_t stride = (size_t)m->stride, lanes = (size_t)m->lanes;
-    TAKE(m->string.beam_first, S), TAKE(m->node.free_index, N);
-    TAKE(m->bar.block, B), TAKE(m->bar.centre, B), TAKE(m->bar.base, B);
-    TAKE(m->block.bar, m->blocks), TAKE(m->block.turns, m->blocks);
-    TAKE(m->node.block, N), TAKE(m->node.centre, N), TAKE(m->node.coef, N), TAKE(m->node.anchor, N * D);
-    TAKE(m->drive.mover, N), TAKE(m->drive.mover_bar, m->count[TS_E]), TAKE(m->drive.winder, S),
-        TAKE(sim->inertia.laden, m->blocks), TAKE(sim->inertia.extra, N);
-    TAKE(sim->bases.start, 5 * m->count[TS_E] * D), TAKE(sim->bases.now, 3 * m->count[TS_E] * D);
-    TAKE(m->bar.length, B), TAKE(m->string.term_count, S), TAKE(m->string.term, 4 * S), TAKE(m->string.term_place, 16 * S),
-        TAKE(m->string.s0, S * D);
-    TAKE(m->string.with_curve, S), TAKE(m->string.with_damper, S), TAKE(m->string.curved, S);
-    TAKE(m->y_start, m->stride), TAKE(m->block.length, m->blocks), TAKE(m->block.own_place, m->blocks);
-    TAKE(m->string.ends, 2 * lanes), TAKE(m->bar.pinned, m->bar.pinned_count), TAKE(m->bar.floating, m->bar.floating_count);
-    TAKE(m->node.lone, m->node.lone_count);
-    TAKE(sim->laws.curve, S), TAKE(sim->laws.owner, S), TAKE(sim->laws.damping, S);
-    TAKE(sim->laws.key, 2 * (3 * m->count[TS_Z] + S));
-    TAKE(sim->io.values, m->n_real), TAKE(sim->io.applied, sim->io.n_applied), TAKE(sim->state.y, stride);
-    TAKE(sim->io.slopes, 2 * sim->io.n_inputs), TAKE(sim->io.applied_slopes, 2 * sim->io.n_inputs);
-    TAKE(sim->io.integers, m->n_int), TAKE(sim->state.piece, S), TAKE(sim->state.clipped, S), TAKE(sim->on.taut, S);
-    TAKE(sim->loads.Q, nq), TAKE(sim->loads.rate, nq), TAKE(sim->loads.bend, nq), TAKE(sim->loads.with_gravity, nq),
-        TAKE(sim->inertia.inverse, m->blocks);
-    TAKE(sim->on.lo, S), TAKE(sim->on.hi, S), TAKE(sim->on.guard, S), TAKE(sim->strings.sign_changed, S);
-    TAKE(sim->strings.margin_low, S), TAKE(sim->strings.margin_high, S);
-    TAKE(sim->rest.length, lanes), TAKE(sim->rest.rate, lanes), TAKE(sim->rest.bend, lanes), TAKE(sim->rest.jerk, lanes);
-    TAKE(sim->rest.now, lanes), TAKE(sim->rest.rate_now, lanes), TAKE(sim->on.k, lanes), TAKE(sim->on.d, lanes);
-    TAKE(sim->strings.x, 2 * N * D), TAKE(sim->strings.s, 2 * (size_t)D * lanes), TAKE(sim->strings.per_length, lanes);
-    TAKE(sim->strings.elongation, lanes), TAKE(sim->strings.rate, lanes), TAKE(sim->strings.fs, lanes),
-        TAKE(sim->strings.fd, lanes);
-    TAKE(sim->strings.lowest, lanes), TAKE(sim->strings.highest, lanes), TAKE(sim->strings.node_force, N * D);
-    TAKE(sim->start.elongation, lanes), TAKE(sim->start.rate, lanes), TAKE(sim->start.f, stride), TAKE(sim->attempt.y, stride),
-        TAKE(sim->attempt.error, stride);
-    TAKE(sim->attempt.k, 16 * stride), TAKE(sim->ahead.all, sim->ahead.size), TAKE(sim->ahead.backup, sim->ahead.size);
-    TAKE(sim->linear.ft, nq), TAKE(sim->linear.work, 6 * nq);
-    TAKE(sim->undo.reals, m->n_real + sim->io.n_applied + 2 * sim->io.n_inputs + ny),
-        TAKE(sim->undo.integers, m->n_int + 2 * S);
-    TAKE(sim->told.transitions, TS_MAX_TRANSITIONS);
+    const int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], D = m->count[TS_D], blocks = m->blocks;
+    TAKE(m->bar.block, B), TAKE(m->bar.centre, B), TAKE(m->bar.base, B), TAKE(m->bar.length, B);
+    TAKE(m->bar.pinned, m->bar.pinned_count), TAKE(m->bar.floating, m->bar.floating_count);
+    TAKE(m->block.bar, blocks), TAKE(m->block.turns, blocks), TAKE(m->block.length, blocks), TAKE(m->block.own_place, blocks);
+    TAKE(m->node.free_index, N), TAKE(m->node.block, N), TAKE(m->node.centre, N), TAKE(m->node.coef, N);
+    TAKE(m->node.anchor, N * D), TAKE(m->node.lone, m->node.lone_count);
+    TAKE(m->string.ends, 2 * m->lanes), TAKE(m->string.s0, S * D), TAKE(m->string.term_count, S), TAKE(m->string.term, 4 * S);
+    TAKE(m->string.term_place, 16 * S), TAKE(m->string.beam_first, S), TAKE(m->string.curved, S);
+    TAKE(m->string.with_curve, S), TAKE(m->string.with_damper, S);
+    TAKE(m->drive.mover, N), TAKE(m->drive.mover_bar, m->count[TS_E]), TAKE(m->drive.winder, S), TAKE(m->y_start, m->stride);
 }
 
-static void share_ahead(ts_sim *sim)
+/* What the caller sees, and the state. */
+static void take_state(ts_sim *sim, arena *a)
 {
-    size_t stride = (size_t)sim->m.stride;
-    sim->strings.sd = sim->strings.s + sim->m.count[TS_D] * sim->m.lanes;
-    sim->ahead.dense = sim->ahead.all;
-    sim->ahead.y = sim->ahead.dense + 8 * stride;
-    sim->ahead.f = sim->ahead.y + stride;
-    sim->ahead.elongation = sim->ahead.f + stride;
-    sim->ahead.rate = sim->ahead.elongation + sim->m.lanes;
+    const ts_model *m = &sim->m;
+    const int S = m->count[TS_S];
+    ts_io *io = &sim->io;
+    TAKE(sim->laws.curve, S), TAKE(sim->laws.owner, S), TAKE(sim->laws.damping, S);
+    TAKE(sim->laws.key, 2 * (3 * m->count[TS_Z] + S));
+    TAKE(io->values, m->n_real), TAKE(io->applied, io->n_applied), TAKE(io->integers, m->n_int);
+    TAKE(io->slopes, 2 * io->n_inputs), TAKE(io->applied_slopes, 2 * io->n_inputs);
+    TAKE(sim->state.y, m->stride), TAKE(sim->state.piece, S), TAKE(sim->state.clipped, S);
+    TAKE(sim->told.transitions, TS_MAX_TRANSITIONS);
+    TAKE(sim->undo.reals, m->n_real + io->n_applied + 2 * io->n_inputs + m->ny), TAKE(sim->undo.integers, m->n_int + 2 * S);
+}
+
+/* What a step prepares, and what a right-hand side finds. */
+static void take_forces(ts_sim *sim, arena *a)
+{
+    const ts_model *m = &sim->m;
+    const int N = m->count[TS_N], S = m->count[TS_S], D = m->count[TS_D], E = m->count[TS_E], nq = m->nq, lanes = m->lanes;
+    ts_strings *found = &sim->strings;
+    ts_bearing *on = &sim->on;
+    ts_rest *rest = &sim->rest;
+    TAKE(sim->inertia.inverse, m->blocks), TAKE(sim->inertia.laden, m->blocks), TAKE(sim->inertia.extra, N);
+    TAKE(sim->loads.Q, nq), TAKE(sim->loads.with_gravity, nq), TAKE(sim->loads.rate, nq), TAKE(sim->loads.bend, nq);
+    TAKE(rest->length, lanes), TAKE(rest->rate, lanes), TAKE(rest->bend, lanes), TAKE(rest->jerk, lanes);
+    TAKE(rest->now, lanes), TAKE(rest->rate_now, lanes);
+    TAKE(sim->bases.start, 5 * E * D), TAKE(sim->bases.now, 3 * E * D);
+    TAKE(on->lo, S), TAKE(on->hi, S), TAKE(on->guard, S), TAKE(on->k, lanes), TAKE(on->d, lanes), TAKE(on->taut, S);
+    TAKE(found->x, 2 * N * D), TAKE(found->s, 2 * D * lanes), TAKE(found->per_length, lanes);
+    TAKE(found->elongation, lanes), TAKE(found->rate, lanes), TAKE(found->fs, lanes), TAKE(found->fd, lanes);
+    TAKE(found->node_force, N * D), TAKE(found->lowest, lanes), TAKE(found->highest, lanes);
+    TAKE(found->sign_changed, S), TAKE(found->margin_low, S), TAKE(found->margin_high, S);
+}
+
+/* What a step works with. */
+static void take_step(ts_sim *sim, arena *a)
+{
+    const ts_model *m = &sim->m;
+    const int stride = m->stride, lanes = m->lanes;
+    ts_step_ahead *ahead = &sim->ahead;
+    TAKE(sim->start.elongation, lanes), TAKE(sim->start.rate, lanes), TAKE(sim->start.f, stride);
+    TAKE(sim->attempt.k, 16 * stride), TAKE(sim->attempt.y, stride), TAKE(sim->attempt.error, stride);
+    TAKE(sim->linear.ft, m->nq), TAKE(sim->linear.work, 6 * m->nq);
+    TAKE(ahead->all, ahead->size), TAKE(ahead->backup, ahead->size);
+}
+
+/* Parts of what was taken in one piece. */
+static void share(ts_sim *sim)
+{
+    const int stride = sim->m.stride, lanes = sim->m.lanes;
+    ts_step_ahead *ahead = &sim->ahead;
+    sim->strings.sd = sim->strings.s + sim->m.count[TS_D] * lanes;
+    ahead->dense = ahead->all;
+    ahead->y = ahead->dense + 8 * stride;
+    ahead->f = ahead->y + stride;
+    ahead->elongation = ahead->f + stride;
+    ahead->rate = ahead->elongation + lanes;
+}
+
+static void take_all(ts_sim *sim, arena *a)
+{
+    take_model(&sim->m, a);
+    take_state(sim, a);
+    take_forces(sim, a);
+    take_step(sim, a);
 }
 
 /* Check counts and indices, so that a damaged file cannot lead outside the arrays.  A reason, or NULL. */
@@ -464,16 +493,16 @@ int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, si
         if (!reason) {
             count_blocks(sim);
             arena a = {NULL, 0};
-            lay_out_arena(sim, &a);
+            take_all(sim, &a);
             sim->owned.bytes = size + a.used;
             sim->owned.arena = a.base = (char *)calloc(a.used + 16, 1);
             const size_t needed = a.used;
             a.used = 0;
             if (!a.base) reason = "out of memory";
             else {
-                lay_out_arena(sim, &a);
+                take_all(sim, &a);
                 TS_ASSERT(a.used == needed);
-                share_ahead(sim);
+                share(sim);
                 TS_ASSERT(sim->ahead.rate + m->lanes <= sim->ahead.all + sim->ahead.size);
             }
         }

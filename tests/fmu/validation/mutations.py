@@ -173,8 +173,8 @@ SOURCES = {
     "work of rest lengths": ("motion/motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
     "moving rest length": (
         "motion/motion.c",
-        "rest.length[i] + (sim->rest.rate[i]",
-        "rest.length[i] + (1.00001 * sim->rest.rate[i]",
+        "rest->length[i] + (rest->rate[i]",
+        "rest->length[i] + (1.00001 * rest->rate[i]",
         "six_bar",
     ),
     "force of a beam": (
