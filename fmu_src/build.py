@@ -6,6 +6,7 @@ import argparse
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tensegrity_core.commands.common import Parser
 from tensegrity_core.errors import TensegrityError, shown
@@ -38,7 +39,7 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--all", action="store_true", help=f"all scenes: {', '.join(builtin_scenes())}")
     parser.add_argument("--runtime", choices=("python", "native", "both"), default="both", help="default: both")
     targets = f"{', '.join(TARGETS)}, or all"
-    asked = {"type": platforms, "default": (), "metavar": "NAMES"}
+    asked: dict[str, Any] = {"type": platforms, "default": (), "metavar": "NAMES"}
     parser.add_argument("--platforms", **asked, help=f"beside this one: {targets}")
     parser.add_argument("--sources", action="store_true", help="native FMUs that can be compiled from their sources, too")
     simple = "FMUs with Real outputs and no enumeration, for tools that know no others"
@@ -51,7 +52,7 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--naming", choices=namings, default="structured", help="n4.force.x or n4_force_x")
     parser.add_argument("--no-validate", dest="validate", action="store_false", help="only build")
     parser.add_argument("--thorough", action="store_true", help="validate every input at every damping")
-    caching = {"dest": "cache", "default": CACHE}
+    caching: dict[str, Any] = {"dest": "cache", "default": CACHE}
     parser.add_argument("--no-cache", action="store_const", const=None, **caching, help="run every reference anew")
     parser.add_argument("--cache", type=Path, metavar="DIR", **caching, help="folder of reference runs")
     found = parser.parse_args(words)

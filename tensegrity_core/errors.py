@@ -32,7 +32,12 @@ class SceneError(TensegrityError):
 
 
 class InputError(TensegrityError):
-    """An input, parameter or start value outside its range.  The object that refused it is unchanged."""
+    """An input, parameter or start value outside its range.  The object that refused it is unchanged.
+
+    index: of the value among all inputs and parameters, where it was the kernel that refused it.
+    """
+
+    index: int
 
 
 class SimulationError(TensegrityError):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -15,7 +17,7 @@ from ..files import replacing, write_text
 from .experiments import BEAM, Absorption, Actuation, Curve, Steady, Wave
 
 DPI = 100
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "tensegrity",
     "font.size": 8.5,
@@ -30,7 +32,8 @@ STYLE = {
 }
 TITLES = {"two_bar": "two-bar", "three_bar": "three-bar", "six_bar": "six-bar"}
 AXIS_COLOURS = {"x": "#22252e", "y": "#1b9aaa", "z": "#d1495b"}
-NSH_LINE, PLAIN_LINE = {"color": "#22252e", "linestyle": "-"}, {"color": "#22252e", "linestyle": "--"}
+NSH_LINE: dict[str, Any] = {"color": "#22252e", "linestyle": "-"}
+PLAIN_LINE: dict[str, Any] = {"color": "#22252e", "linestyle": "--"}
 LINES = {True: NSH_LINE, False: PLAIN_LINE}
 LABELS = {True: "with NSH", False: "without NSH"}
 
@@ -70,7 +73,7 @@ def _curve(data: Curve, force: str, elongation: str) -> Figure:
     last = max(x for x, _ in data.marks.values())
     for name, (x, f) in data.marks.items():
         axes.plot(100.0 * x, f, "o", color="#d1495b", markersize=4)
-        place = {"xytext": (0, -12 if name == "f_min" else 6), "ha": "right" if x == last else "center"}
+        place: dict[str, Any] = {"xytext": (0, -12 if name == "f_min" else 6), "ha": "right" if x == last else "center"}
         axes.annotate(f"{name} {f:.2f} N", (100.0 * x, f), textcoords="offset points", fontsize=7.5, **place)
     axes.set(xlabel=elongation, ylabel=force, ylim=(0.0, 1.12 * data.force.max()))
     return figure
@@ -160,7 +163,7 @@ def figure_10(data: Absorption) -> Figure:
 
 
 #: Experiment -> number of the article's figure -> what draws it.
-FIGURES = {
+FIGURES: dict[str, dict[int, Callable[[Any], Figure]]] = {
     "I": {6: figure_6},
     "II": {7: figure_7, 8: figure_8},
     "III": {9: figure_9},

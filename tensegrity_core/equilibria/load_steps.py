@@ -14,7 +14,9 @@ gives up, and `paths.follow_from` goes on from the last point.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -56,9 +58,9 @@ class State:
     string: int = -1
     reserve: float = 0.0
     lever: float = 1.0
-    rate: np.ndarray | None = None
-    push: np.ndarray | None = None
-    bends: np.ndarray | None = None
+    rate: np.ndarray = None  # type: ignore[assignment]  # known with the string
+    push: np.ndarray = None  # type: ignore[assignment]
+    bends: np.ndarray = None  # type: ignore[assignment]
     stiffness: float = 0.0
     bow: np.ndarray | float = 0.0
     load_bow: float = 0.0
@@ -124,25 +126,32 @@ class LoadSteps:
         self.equations, self.scale, self.saddle = equations, scale, Saddle(equations)
         self.longest = LONGEST * float(equations.model.bar_length.min())
         self._n, self._wound = equations.size, equations.loading.rest_length_direction
-        self._here: State | None = None
+        self._last: State | None = None
         self._point: Point | None = None
         self._limit: State | None = None
+
+    @property
+    def _here(self) -> State:
+        """The state at the path's last point.  Raises Doubt where it is not known."""
+        if self._last is None:
+            raise Doubt
+        return self._last
 
     def advance(self, path: Path, goal: float) -> str:
         """Add points to a path from its last one, stable and on its way to p = goal: 'to' if it gets there, 'limit' if it ends
         at a limit point before, '' if `paths` has to go on."""
         if path.points[-1] is not self._point:
-            self._here = self._limit = None
+            self._last = self._limit = None
         try:
-            if self._here is None:
-                self._here = self._state(path.points[-1], goal - path.points[-1].parameter)
+            if self._last is None:
+                self._last = self._state(path.points[-1], goal - path.points[-1].parameter)
             while self._here.parameter != goal:
                 state, kind = self._next(goal)
                 self._add(path, state, kind)
                 if kind == "limit":
                     return kind
         except Doubt:
-            self._here = self._point = None
+            self._last = self._point = None
             return ""
         return "to"
 
@@ -150,13 +159,13 @@ class LoadSteps:
         """The stable equilibrium beside free coordinates (n,), as the first point of a path on which p grows (side > 0) or
         falls; None if there is none on the pieces that the strings have there."""
         laws = self.equations.laws
-        self._here = self._limit = self._point = None
+        self._last = self._limit = self._point = None
         on = laws.on(laws.piece_of(self.equations.elongation(free, parameter) + TOUCH))  # at an end: the piece beyond
         state = self._to_load(self.saddle.start(free, parameter), parameter, on)
         if state is None or ((state.elongation < on.lower - TOUCH) | (state.elongation > on.upper + TOUCH)).any():
             return None
         try:
-            self._here = self._watched(state, side) if len(on.curved) else state
+            self._last = self._watched(state, side) if len(on.curved) else state
         except Doubt:
             return None
         direction = np.append(side * state.tangent[: self._n], side * self.scale)
@@ -191,7 +200,7 @@ class LoadSteps:
             direction = np.append(sign * state.tangent[:n], sign * self.scale)
         if state.laws is not before.laws:
             self._limit = None
-        self._here, self._point = state, self._point_of(state, direction, path.points[-1].arc + arc, kind)
+        self._last, self._point = state, self._point_of(state, direction, path.points[-1].arc + arc, kind)
         path.points.append(self._point)
 
     # --- which point is next
@@ -201,7 +210,7 @@ class LoadSteps:
         found = self._stepped(goal)
         if found is None and len(self._here.laws.curved) and not self._here.softens(goal - self._here.parameter):
             self.saddle.at(self._here.z, self._here.parameter, self._here.laws)
-            self._here = self._watched(self._here, goal - self._here.parameter)
+            self._last = self._watched(self._here, goal - self._here.parameter)
             found = self._stepped(goal)
         if found is None:
             raise Doubt
@@ -232,21 +241,25 @@ class LoadSteps:
 
     def _within(self, way: float, goal: float) -> tuple[State, str] | None:
         """The next state if it lies within a change of p, with p = goal at its end."""
-        here, predict, size, limit = self._here, self._here.moved, way, None
+        here, size = self._here, way
+        predict: Callable[[float], tuple[np.ndarray, float]] = here.moved
+        limit: State | None = None
         if here.softens(way):
-            predict, size = here.lengthened, here.lengthening(way)
-            if size is None:
+            predict, reached = here.lengthened, here.lengthening(way)
+            size = 0.0 if reached is None else reached
+            if reached is None:
                 size = -here.load_rate / here.load_bow
                 z, parameter = predict(size)
                 elongation = self.equations.elongation(z[: self._n], parameter)
                 if self._gone(elongation).any():
-                    found = self._first_end(predict, size, elongation, way, goal)
-                    if found is not None:
-                        return found
+                    ended = self._first_end(predict, size, elongation, way, goal)
+                    if ended is not None:
+                        return ended
                 limit = self._limit = self._limit or self._limit_point(way)
                 if limit is None:
                     return self._nearer(size, way, goal)
                 size = float(limit.elongation[here.string] - here.elongation[here.string])
+        found: State | None
         if limit is not None and (limit.parameter - goal) * way <= 0.0:
             found, kind = limit, "limit"
         else:
@@ -322,7 +335,8 @@ class LoadSteps:
             part = _crossing(here.elongation[strings], middle[strings], elongation[strings], end)
             first = int(np.argmin(part))
             string = int(strings[first])
-            found = self._to_end(*predict(float(part[first]) * size), laws, string, float(end[first]))
+            z, near = predict(float(part[first]) * size)
+            found = self._to_end(z, near, laws, string, float(end[first]))
             if found is None or (found.parameter - parameter) * way < 0.0:
                 return None
             gone = self._gone(found.elongation)
@@ -346,6 +360,7 @@ class LoadSteps:
         for _ in range(NEWTON):
             saddle.at(z, parameter, laws)
             string = self._softest(laws)
+            found: Any  # of the system as it is, or bordered
             if string < 0:
                 found = saddle.solve()
                 step = None if found is None else found[0]
@@ -370,14 +385,14 @@ class LoadSteps:
             state = State(z, parameter, laws, found[1], elongation)
         else:
             state = self._bent(self._known_by(string, found, z, parameter, laws, elongation))
-        here = self._here
+        here = self._last
         if string < 0 and here is not None and here.laws is laws and here.parameter != parameter:
             state.curvature = (state.tangent - here.tangent) / (parameter - here.parameter)
         return state
 
     def _softest(self, laws: OnPieces) -> int:
         """The string that has lost most of its stiffness since the last state, -1 if none has lost much."""
-        saddle, here, curved = self.saddle, self._here, laws.curved
+        saddle, here, curved = self.saddle, self._last, laws.curved
         if here is None or here.laws is not laws or not len(curved):
             return -1
         change = saddle.bend * (saddle.elongation[curved] - here.elongation[curved])

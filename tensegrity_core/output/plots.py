@@ -7,10 +7,10 @@ that fills when the beam has snapped.  Triangles are nodes fixed to the ground; 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
@@ -28,6 +28,9 @@ BAR, STRING, NSH, SUPPORT, LOAD, FLOOR = "#22252e", "#1b9aaa", "#d1495b", "#6b70
 ELEVATION, AZIMUTH = 16.0, -50.0
 
 
+# Axes are Matplotlib's Axes or, of a structure in space, Axes3D: of `Any` type, as one has methods that the other has not.
+
+
 def new_figure(width: float, height: float, dpi: float = 100.0) -> Figure:
     """A figure with its own canvas; width, height: pixels."""
     figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi)
@@ -35,9 +38,9 @@ def new_figure(width: float, height: float, dpi: float = 100.0) -> Figure:
     return figure
 
 
-def new_axes(figure: Figure, model: Model, place=(0.0, 0.0, 1.0, 1.0)) -> Axes:
+def new_axes(figure: Figure, model: Model, place: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)) -> Any:
     """Axes for a structure, plane or in space, without frame and ticks.  place: left, bottom, width, height, 0 to 1."""
-    axes = figure.add_axes(place, projection=None if len(model.axes) == 2 else "3d")
+    axes: Any = figure.add_axes(place, projection=None if len(model.axes) == 2 else "3d")
     axes.set_axis_off()
     axes.patch.set_alpha(0.0)
     if len(model.axes) == 3:
@@ -46,7 +49,7 @@ def new_axes(figure: Figure, model: Model, place=(0.0, 0.0, 1.0, 1.0)) -> Axes:
     return axes
 
 
-def frame(axes: Axes, model: Model, positions: np.ndarray, margin: float = 0.06, zoom: float = 1.4) -> None:
+def frame(axes: Any, model: Model, positions: np.ndarray, margin: float = 0.06, zoom: float = 1.4) -> None:
     """Fit the axes around positions (..., 3) m, with the same scale along all of them.
 
     margin: share of the structure's size left free all around; zoom: of axes in space, which leave much room.
@@ -67,7 +70,7 @@ def frame(axes: Axes, model: Model, positions: np.ndarray, margin: float = 0.06,
 class Drawing:
     """A structure on axes; `move` draws it in another state."""
 
-    def __init__(self, axes: Axes, model: Model, width: float = 1.0):
+    def __init__(self, axes: Any, model: Model, width: float = 1.0):
         """Draws the model's start.  width: factor of all line widths and markers."""
         self.axes, self.model = axes, model
         self._size = float(np.max(np.ptp(model.nodes, axis=0)))
@@ -181,7 +184,7 @@ class Drawing:
         return np.array([node, tip, tip - back + aside, tip, tip - back - aside])
 
 
-def draw(axes: Axes, model: Model, nodes: np.ndarray | None = None, width: float = 1.0) -> Drawing:
+def draw(axes: Any, model: Model, nodes: np.ndarray | None = None, width: float = 1.0) -> Drawing:
     """Draw a model at its start or at given nodes (N, 3) m, and fit the axes around it."""
     drawing = Drawing(axes, model, width)
     if nodes is not None:
@@ -226,8 +229,9 @@ def write_frames(figure: Figure, path: Path, count: int, show, frames_per_second
     pictures = []
     for i in range(count):
         show(i)
-        figure.canvas.draw()
-        pictures.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB"))
+        canvas: Any = figure.canvas  # of Agg, see new_figure
+        canvas.draw()
+        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
     palette = _palette(pictures)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     with replacing(path) as file:
@@ -278,7 +282,7 @@ def arrow_scale(model: Model, force: np.ndarray) -> float:
 
 
 #: Settings under which a figure is saved: texts stay texts in an SVG, and equal figures give equal bytes.
-SAVING = {"svg.fonttype": "none", "svg.hashsalt": "tensegrity"}
+SAVING: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "tensegrity"}
 
 
 def write_figure(figure: Figure, path: Path) -> None:

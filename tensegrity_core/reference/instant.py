@@ -92,7 +92,7 @@ class Motion(NamedTuple):
     lam: np.ndarray
     Nddot: np.ndarray
     F: np.ndarray
-    ground: np.ndarray | None
+    ground: Any
     winding: np.ndarray
 
 
@@ -198,7 +198,7 @@ def potential_energy(s: Structure, N) -> float:
     return -np.sum(s.weight * N)
 
 
-def on_constraints(s: Structure, N, Ndot):
+def on_constraints(s: Structure, N, Ndot) -> tuple[np.ndarray, np.ndarray]:
     """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only."""
     B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
     l2 = diagonal(B, B)

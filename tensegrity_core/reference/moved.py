@@ -41,7 +41,7 @@ def path(position, velocity, acceleration, tau):
     return position + tau * (velocity + 0.5 * tau * acceleration), velocity + tau * acceleration
 
 
-def jumped(moved: Moved, N, Ndot, shift, dv):
+def jumped(moved: Moved, N, Ndot, shift, dv) -> tuple[np.ndarray, np.ndarray]:
     """N, Ndot (3, n) after the moved nodes' positions jumped by shift (3, E) and their velocities by dv (3, E)."""
     after, after_dot = N + shift @ moved.select, Ndot + dv @ moved.select
     for e, (base, tip) in enumerate(zip(moved.nodes, moved.tips)):

@@ -140,7 +140,7 @@ class _Run:
 
     # State and right-hand side.
 
-    def unpack(self, t, y):
+    def unpack(self, t, y) -> tuple[np.ndarray, np.ndarray]:
         """N, Ndot (3, n) from y; the moved nodes are where the load has them at t."""
         X = self.X_fixed + y[: self.of_nodes].reshape(3, -1).dot(self.select)
         n = X.shape[1] // 2
@@ -550,7 +550,7 @@ class _Run:
             return mode.branches[j].snapped
         if j in model.laws:
             return laws.law(model.laws[j]).snapped_on_piece(mode.piece[j])
-        return honeycomb.snapped_on_piece(model.nsh[j], mode.piece[j])
+        return honeycomb.snapped_on_piece(model.honeycombs[j], mode.piece[j])
 
 
 def _first_root(gap, times: np.ndarray, values: np.ndarray, level: float) -> float | None:

@@ -11,6 +11,7 @@ from .. import laws
 from ..errors import InputError
 from ..laws import hysteresis
 from ..model import NSH, Actuator, Model
+from ..model.elements import Series
 from . import simulable
 from .matrices import lengths_between
 from .prestress import prestress, require_balance, rest_lengths, two_parts
@@ -52,9 +53,13 @@ def _holding_currents(model: Model) -> np.ndarray:
 
 def _require_laws(scene: Scene) -> None:
     """Work out every element, of a string or not, and every damper; raise SceneError for one that has no force law."""
-    for name, entry in scene.elements.items():
+    for name in scene.elements:
         try:
-            laws.part_law(scene.element(name)) if entry.law != "hysteretic" else hysteresis.start(scene.element(name), 1.0)
+            element = scene.element(name)
+            if isinstance(element, Series) and element.law == "hysteretic":
+                hysteresis.start(element, 1.0)
+            else:
+                laws.part_law(element)
         except InputError as failure:
             raise scene.error(f"elements.{name}", *two_parts(failure)) from None
     for name in scene.dampers:
