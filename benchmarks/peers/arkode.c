@@ -6,14 +6,12 @@
  * test mends a step that is too long.  Steps go past an output instant and are interpolated back to it.  Both were faster
  * here than a fresh start and than stops at the instants.  The plain set-up is ARKODE's own table of an order, started anew
  * after each transition. */
-#include "peer.h"
 #include "sundials_functions.h"
 
 #include <arkode/arkode_arkstep.h>
 #include <arkode/arkode_erkstep.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sunlinsol/sunlinsol_dense.h>
 
 #define MAX_ORDER 1 /* predictors of the stages: extrapolation of highest order, */
 #define BOOTSTRAP 4 /* and from the step's start and its stages */
@@ -51,14 +49,8 @@ static const struct {
 };
 
 typedef struct {
-    peer *p;
+    sundials s;
     const family *call;
-    SUNContext context;
-    void *memory;
-    N_Vector x;
-    SUNMatrix matrix;
-    SUNLinearSolver linear;
-    int *found;
 } solver;
 
 /* An explicit table by name.  Where the last stage stands at the end of the step without being its result, ERKStep of
@@ -89,9 +81,9 @@ static int set_up_explicit(solver *s, const char *name)
     ARKodeButcherTable table = is_order(name) ? NULL : explicit_table(name);
     if (!table && !is_order(name)) return 0;
     s->call = &erk;
-    s->memory = ERKStepCreate(sundials_rhs, 0.0, s->x, s->context);
-    if (!table) return ERKStepSetOrder(s->memory, name[0] - '0') == 0;
-    int status = ERKStepSetTable(s->memory, table);
+    s->s.memory = ERKStepCreate(sundials_rhs, 0.0, s->s.x, s->s.context);
+    if (!table) return ERKStepSetOrder(s->s.memory, name[0] - '0') == 0;
+    int status = ERKStepSetTable(s->s.memory, table);
     ARKodeButcherTable_Free(table);
     return status == 0;
 }
@@ -102,54 +94,42 @@ static int set_up_implicit(solver *s, const char *name)
     while (m < count && strcmp(name, implicit_methods[m].table)) m++;
     if (m == count && !is_order(name)) return 0;
     s->call = &dirk;
-    s->memory = ARKStepCreate(NULL, sundials_rhs, 0.0, s->x, s->context);
-    s->matrix = SUNDenseMatrix(s->p->n, s->p->n, s->context);
-    s->linear = SUNLinSol_Dense(s->x, s->matrix, s->context);
-    ARKStepSetLinearSolver(s->memory, s->linear, s->matrix);
-    ARKStepSetJacFn(s->memory, sundials_jacobian);
-    if (m == count) return ARKStepSetOrder(s->memory, name[0] - '0') == 0;
-    ARKStepSetPredictorMethod(s->memory, implicit_methods[m].predictor);
-    return ARKStepSetTableName(s->memory, name, "ARKODE_ERK_NONE") == 0;
+    s->s.memory = ARKStepCreate(NULL, sundials_rhs, 0.0, s->s.x, s->s.context);
+    sundials_dense(&s->s);
+    ARKStepSetLinearSolver(s->s.memory, s->s.linear, s->s.matrix);
+    ARKStepSetJacFn(s->s.memory, sundials_jacobian);
+    if (m == count) return ARKStepSetOrder(s->s.memory, name[0] - '0') == 0;
+    ARKStepSetPredictorMethod(s->s.memory, implicit_methods[m].predictor);
+    return ARKStepSetTableName(s->s.memory, name, "ARKODE_ERK_NONE") == 0;
 }
 
 static void set_up_common(solver *s, double tolerance)
 {
-    s->call->set_tolerances(s->memory, tolerance, tolerance);
-    s->call->set_user(s->memory, s->p);
-    s->call->set_max_steps(s->memory, SUNDIALS_MAX_STEPS);
-    if (!s->p->events) return;
-    s->found = calloc((size_t)s->p->roots, sizeof(int));
-    s->call->set_roots(s->memory, s->p->roots, sundials_distances);
-    s->call->set_no_warning(s->memory);
-    if (s->p->events == PEER_PLAIN) return;
-    int *outward = sundials_outward(s->p->roots);
-    s->call->set_directions(s->memory, outward);
+    s->call->set_tolerances(s->s.memory, tolerance, tolerance);
+    s->call->set_user(s->s.memory, s->s.p);
+    s->call->set_max_steps(s->s.memory, SUNDIALS_MAX_STEPS);
+    if (!s->s.p->events) return;
+    s->s.found = calloc((size_t)s->s.p->roots, sizeof(int));
+    s->call->set_roots(s->s.memory, s->s.p->roots, sundials_distances);
+    s->call->set_no_warning(s->s.memory);
+    if (s->s.p->events == PEER_PLAIN) return;
+    int *outward = sundials_outward(s->s.p->roots);
+    s->call->set_directions(s->s.memory, outward);
     free(outward);
 }
 
 static void release(void *self)
 {
     solver *s = self;
-    if (s->call) s->call->release(&s->memory);
-    if (s->linear) SUNLinSolFree(s->linear);
-    if (s->matrix) SUNMatDestroy(s->matrix);
-    N_VDestroy(s->x);
-    SUNContext_Free(&s->context);
-    free(s->found);
-    free(s);
+    if (s->call) s->call->release(&s->s.memory);
+    sundials_close(&s->s);
 }
-
-static void set_start(solver *s) { memcpy(N_VGetArrayPointer(s->x), s->p->start, sizeof(double) * (size_t)s->p->n); }
 
 /* method: erk_ or dirk_, and the name of ARKODE's Butcher table or an order */
 static void *make(peer *p, const char *method, double tolerance)
 {
     solver *s = calloc(1, sizeof *s);
-    s->p = p;
-    SUNContext_Create(NULL, &s->context);
-    s->x = N_VNew_Serial(p->n, s->context);
-    N_VEnableFusedOps_Serial(s->x, p->events != PEER_PLAIN);
-    set_start(s);
+    sundials_open(&s->s, p);
     if (strncmp(method, "erk_", 4) ? set_up_implicit(s, method + 5) : set_up_explicit(s, method + 4)) {
         set_up_common(s, tolerance);
         return s;
@@ -160,15 +140,15 @@ static void *make(peer *p, const char *method, double tolerance)
 
 static int start_anew(solver *s, double t)
 {
-    if (s->call == &erk) return ERKStepReInit(s->memory, sundials_rhs, t, s->x);
-    return ARKStepReInit(s->memory, NULL, sundials_rhs, t, s->x);
+    if (s->call == &erk) return ERKStepReInit(s->s.memory, sundials_rhs, t, s->s.x);
+    return ARKStepReInit(s->s.memory, NULL, sundials_rhs, t, s->s.x);
 }
 
 static int begin(void *self)
 {
     solver *s = self;
-    peer_begin(s->p);
-    set_start(s);
+    peer_begin(s->s.p);
+    sundials_start(&s->s);
     return start_anew(s, 0.0);
 }
 
@@ -176,41 +156,36 @@ static int begin(void *self)
 static void add_counts(solver *s)
 {
     long steps = 0, failed = 0;
-    s->call->count_steps(s->memory, &steps);
-    s->call->count_failed(s->memory, &failed);
-    s->p->counts.steps += steps;
-    s->p->counts.rejected += failed;
+    s->call->count_steps(s->s.memory, &steps);
+    s->call->count_failed(s->s.memory, &failed);
+    s->s.p->counts.steps += steps;
+    s->s.p->counts.rejected += failed;
 }
 
-static void go_on(solver *s, double t)
+static void go_on(void *self, double t)
 {
-    if (s->p->events == PEER_PLAIN) {
+    solver *s = self;
+    if (s->s.p->events == PEER_PLAIN) {
         add_counts(s);
         start_anew(s, t);
     } else {
-        s->call->reset(s->memory, t, s->x);
+        s->call->reset(s->s.memory, t, s->s.x);
     }
+}
+
+static int advance(void *self, double end, realtype *t)
+{
+    solver *s = self;
+    int status = s->call->evolve(s->s.memory, end, s->s.x, t, ARK_NORMAL);
+    if (status == ARK_ROOT_RETURN) s->call->root_info(s->s.memory, s->s.found);
+    return status < 0 ? status : status == ARK_ROOT_RETURN;
 }
 
 static int run(void *self, double *rows)
 {
-    solver *s = self;
-    peer *p = s->p;
-    realtype t = 0.0;
-    for (int k = 1; k <= p->instants; k++) {
-        double end = k * p->duration / p->instants;
-        while (end - t > PEER_TOGETHER * p->duration) {
-            int status = s->call->evolve(s->memory, end, s->x, &t, ARK_NORMAL);
-            if (status < 0) return status;
-            if (status != ARK_ROOT_RETURN) break;
-            s->call->root_info(s->memory, s->found);
-            peer_switch(p, N_VGetArrayPointer(s->x), s->found);
-            go_on(s, t);
-        }
-        memcpy(rows + (k - 1) * p->n, N_VGetArrayPointer(s->x), sizeof(double) * (size_t)p->n);
-    }
-    add_counts(s);
-    return 0;
+    int status = sundials_run(self, rows, advance, go_on);
+    if (status == 0) add_counts(self);
+    return status;
 }
 
 const peer_solver peer_erk = {"erk_", make, begin, run, release};

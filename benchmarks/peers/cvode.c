@@ -3,41 +3,32 @@
  *
  * After a transition it starts anew at order one with its own estimate of the step; a share of the last step instead made no
  * difference.  Steps go past an output instant and are interpolated back to it, which costs nothing. */
-#include "peer.h"
 #include "sundials_functions.h"
 
 #include <cvode/cvode.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sunlinsol/sunlinsol_dense.h>
 #include <sunnonlinsol/sunnonlinsol_fixedpoint.h>
 
 typedef struct {
-    peer *p;
-    SUNContext context;
-    void *memory;
-    N_Vector x;
-    SUNMatrix matrix;
-    SUNLinearSolver linear;
+    sundials s;
     SUNNonlinearSolver nonlinear;
-    int *found;
 } solver;
 
-static void set_up_newton(solver *s)
+static void set_up_newton(sundials *s)
 {
-    s->matrix = SUNDenseMatrix(s->p->n, s->p->n, s->context);
-    s->linear = SUNLinSol_Dense(s->x, s->matrix, s->context);
+    sundials_dense(s);
     CVodeSetLinearSolver(s->memory, s->linear, s->matrix);
     CVodeSetJacFn(s->memory, sundials_jacobian);
 }
 
 static void set_up_fixed_point(solver *s)
 {
-    s->nonlinear = SUNNonlinSol_FixedPoint(s->x, 0, s->context);
-    CVodeSetNonlinearSolver(s->memory, s->nonlinear);
+    s->nonlinear = SUNNonlinSol_FixedPoint(s->s.x, 0, s->s.context);
+    CVodeSetNonlinearSolver(s->s.memory, s->nonlinear);
 }
 
-static void set_up_roots(solver *s)
+static void set_up_roots(sundials *s)
 {
     s->found = calloc((size_t)s->p->roots, sizeof(int));
     CVodeRootInit(s->memory, s->p->roots, sundials_distances);
@@ -48,39 +39,34 @@ static void set_up_roots(solver *s)
     free(outward);
 }
 
-static void set_start(solver *s) { memcpy(N_VGetArrayPointer(s->x), s->p->start, sizeof(double) * (size_t)s->p->n); }
-
 static void *make(peer *p, const char *method, double tolerance)
 {
     int bdf = !strcmp(method, "cvode_bdf"), adams = !strcmp(method, "cvode_adams");
     if (!bdf && !adams) return NULL;
-    solver *s = calloc(1, sizeof *s);
-    s->p = p;
-    SUNContext_Create(NULL, &s->context);
-    s->x = N_VNew_Serial(p->n, s->context);
-    N_VEnableFusedOps_Serial(s->x, p->events != PEER_PLAIN);
-    set_start(s);
+    solver *made = calloc(1, sizeof *made);
+    sundials *s = &made->s;
+    sundials_open(s, p);
     s->memory = CVodeCreate(bdf ? CV_BDF : CV_ADAMS, s->context);
     CVodeInit(s->memory, sundials_rhs, 0.0, s->x);
     CVodeSStolerances(s->memory, tolerance, tolerance);
     CVodeSetUserData(s->memory, p);
     CVodeSetMaxNumSteps(s->memory, SUNDIALS_MAX_STEPS);
     if (bdf) set_up_newton(s);
-    else set_up_fixed_point(s);
+    else set_up_fixed_point(made);
     if (p->events) set_up_roots(s);
-    return s;
+    return made;
 }
 
 static int begin(void *self)
 {
-    solver *s = self;
+    sundials *s = self;
     peer_begin(s->p);
-    set_start(s);
+    sundials_start(s);
     return CVodeReInit(s->memory, 0.0, s->x);
 }
 
 /* CVodeReInit() clears the counters: add them up before. */
-static void add_counts(solver *s)
+static void add_counts(sundials *s)
 {
     long steps = 0, failed = 0;
     CVodeGetNumSteps(s->memory, &steps);
@@ -89,39 +75,34 @@ static void add_counts(solver *s)
     s->p->counts.rejected += failed;
 }
 
+static int advance(void *self, double end, realtype *t)
+{
+    sundials *s = self;
+    int status = CVode(s->memory, end, s->x, t, CV_NORMAL);
+    if (status == CV_ROOT_RETURN) CVodeGetRootInfo(s->memory, s->found);
+    return status < 0 ? status : status == CV_ROOT_RETURN;
+}
+
+static void go_on(void *self, double t)
+{
+    sundials *s = self;
+    add_counts(s);
+    CVodeReInit(s->memory, t, s->x);
+}
+
 static int run(void *self, double *rows)
 {
-    solver *s = self;
-    peer *p = s->p;
-    realtype t = 0.0;
-    for (int k = 1; k <= p->instants; k++) {
-        double end = k * p->duration / p->instants;
-        while (end - t > PEER_TOGETHER * p->duration) {
-            int status = CVode(s->memory, end, s->x, &t, CV_NORMAL);
-            if (status < 0) return status;
-            if (status != CV_ROOT_RETURN) break;
-            add_counts(s);
-            CVodeGetRootInfo(s->memory, s->found);
-            peer_switch(p, N_VGetArrayPointer(s->x), s->found);
-            CVodeReInit(s->memory, t, s->x);
-        }
-        memcpy(rows + (k - 1) * p->n, N_VGetArrayPointer(s->x), sizeof(double) * (size_t)p->n);
-    }
-    add_counts(s);
-    return 0;
+    int status = sundials_run(self, rows, advance, go_on);
+    if (status == 0) add_counts(self);
+    return status;
 }
 
 static void release(void *self)
 {
     solver *s = self;
-    CVodeFree(&s->memory);
-    if (s->linear) SUNLinSolFree(s->linear);
-    if (s->matrix) SUNMatDestroy(s->matrix);
+    CVodeFree(&s->s.memory);
     if (s->nonlinear) SUNNonlinSolFree(s->nonlinear);
-    N_VDestroy(s->x);
-    SUNContext_Free(&s->context);
-    free(s->found);
-    free(s);
+    sundials_close(&s->s);
 }
 
 const peer_solver peer_cvode = {"cvode_", make, begin, run, release};

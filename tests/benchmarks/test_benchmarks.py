@@ -91,7 +91,7 @@ def test_sundials_solves_the_same_problem(tools, tmp_path, name):
     b = bench(name, tools, tmp_path)
     exact, _ = work_precision.reference(b)
     for method, events in QUICK:
-        loose, tight = (b.run(method, b.model, tolerance, events, 1, 20.0) for tolerance in (1e-6, 1e-11))
+        loose, tight = (b.run(method, b.model, events, tolerance, 1, 20.0) for tolerance in (1e-6, 1e-11))
         assert error(tight, exact, b.problem) < min(1e-8, 0.1 * error(loose, exact, b.problem)), method
         assert tight.counts["transitions"] == exact.counts["transitions"], method
 
