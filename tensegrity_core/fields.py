@@ -79,6 +79,7 @@ COUNTS = {
     "A": "strings with an actuator, in string order",
 }
 
+# A table, with one or two lines a row:
 # fmt: off
 FIELDS = (
     Field("force", "input", ("F", "D"), "N", "{F}.force.{D}", "external force on a free node, held over a step", start=0.0),
