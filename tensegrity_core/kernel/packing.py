@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS, size
 from ..model.components import flattened
-from ..model.elements import Beam, Damper, Element, Polynomial, Series, Spring, Table
+from ..model.elements import Damper, Element, Parallel, Series
 from ..model.inputs import INPUTS, starts
 from ..model.model import Model
 from ..quantities import number
@@ -55,8 +57,8 @@ def fnv1a(data: bytes) -> int:
 class _Programs:
     """Force laws as numbers that the kernel reads: each a tree in prefix order; a string keeps where its own begins, -1: none.
 
-    ints: of an element its kind (the place in `fields.ELEMENTS`) and what it counts: coefficients, points and interpolation (0
-    linear, 1 cubic), parts and law; doubles: k; Q, zeta, h; coefficients; x and f.
+    ints: of an element its kind (the place in `fields.ELEMENTS`) and then, of a sum, how many parts, of a series the law, too;
+    else how many numbers its first list has, and the places of its choices.  doubles: its numbers, in the order of its class.
     """
 
     def __init__(self):
@@ -75,22 +77,19 @@ class _Programs:
 
     def _write(self, law: Element | Damper) -> None:
         self.ints.append(ELEMENTS.index(type(law).__name__.lower()))
-        if isinstance(law, Spring):
-            self.doubles.append(law.k)
-        elif isinstance(law, Beam):
-            self.doubles += [law.Q, law.zeta, law.h]
-        elif isinstance(law, Polynomial):
-            self.ints.append(len(law.coefficients))
-            self.doubles += law.coefficients
-        elif isinstance(law, Table):
-            self.ints += [len(law.x), int(law.interpolation == "cubic")]
-            self.doubles += [*law.x, *law.f]
-        else:
+        if isinstance(law, (Parallel, Series)):
             self.ints.append(len(law.parts))
             if isinstance(law, Series):
                 self.ints.append(SERIES_LAWS.index(law.law))
             for part in law.parts:
                 self._write(part)
+            return
+        values = {field: getattr(law, field.name) for field in dataclasses.fields(law)}
+        lists = [value for value in values.values() if isinstance(value, tuple)]
+        self.ints += [len(value) for value in lists[:1]]
+        self.ints += [field.metadata["choices"].index(value) for field, value in values.items() if "choices" in field.metadata]
+        for value in values.values():
+            self.doubles += value if isinstance(value, tuple) else [value] if isinstance(value, float) else []
 
 
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:

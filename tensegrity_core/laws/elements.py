@@ -20,7 +20,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from ..errors import InputError
-from ..model.elements import BEAM_RANGES, Beam, Element, Parallel, Polynomial, Series, Spring, Table
+from ..model.elements import BEAM_RANGES, KINDS, Beam, Element, Parallel, Polynomial, Series, Spring, Table
 from . import nsh as honeycomb
 from .curves import BeamCurve, PolynomialCurve, Stretch, SumCurve, monotone, stretch
 from .exact import Law, require_tension
@@ -133,3 +133,5 @@ def _series(element: Series) -> Law:
 
 
 _MAKERS = {Spring: _spring, Beam: _beam, Polynomial: _polynomial, Table: _table, Parallel: _parallel, Series: _series}
+if set(_MAKERS) != set(KINDS.values()):
+    raise ValueError(f"laws/elements.py makes other laws than those of the kinds {', '.join(KINDS)} of model/elements.py")

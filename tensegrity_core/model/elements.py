@@ -3,28 +3,41 @@
 An element's force is a function of its elongation x >= 0 with f(0) = 0, a damper's one of the rate of elongation with f(0) = 0.
 The exact evaluation stands in `laws`, that with memory in `hysteresis`, the kernel's in native/.
 
+A class says what a kind's numbers are, and with `key` their keys in scene files; how they are packed for the kernel follows
+(see `kernel.packing`).
+
 Numbers may be Python's or NumPy's, lists of them any sequence or array; they are kept as floats and tuples.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, get_args
 
+from ..fields import ELEMENTS
 from ..quantities import floats, number
 
 #: Ranges of a beam's parameters; beyond them squares, cubes and ratios are no longer numbers.  Q: N; zeta: 1; h: m.
 BEAM_RANGES = {"Q": (1e-9, 1e12), "zeta": (1e-6, 1e6), "h": (1e-9, 1e6)}
 
 
+def key(description: str, low: float = -1e15, high: float = 1e15) -> Any:
+    """A number, or numbers, of an element as a key of scene files of the same name.  description: what it is, with its unit;
+    low, high: its bounds, included."""
+    return field(metadata={"description": description, "low": low, "high": high})
+
+
 class _Numbers:
-    """Turns the numbers of a frozen dataclass into floats, once they are given."""
+    """Turns the numbers of a frozen dataclass into floats, once they are given.  stops: whether the law ends at a stop."""
+
+    stops: ClassVar[bool] = False
 
     def __post_init__(self):
-        for field in fields(self):  # type: ignore[arg-type]  # of the dataclass that it is mixed into
-            if field.type in ("float", "tuple[float, ...]"):
-                convert = number if field.type == "float" else floats
-                name = f"{type(self).__name__.lower()}.{field.name}"
-                object.__setattr__(self, field.name, convert(name, getattr(self, field.name)))
+        for one in fields(self):  # type: ignore[arg-type]  # of the dataclass that it is mixed into
+            if one.type in ("float", "tuple[float, ...]"):
+                convert = number if one.type == "float" else floats
+                name = f"{type(self).__name__.lower()}.{one.name}"
+                object.__setattr__(self, one.name, convert(name, getattr(self, one.name)))
 
 
 class _Parts:
@@ -47,6 +60,7 @@ class Spring(_Numbers):
 class Beam(_Numbers):
     """A snap-through beam, eq. 11, stopped at x = 2 h.  Q: N; zeta: 1; h: m; all > 0."""
 
+    stops: ClassVar[bool] = True
     Q: float
     zeta: float
     h: float
@@ -72,7 +86,7 @@ class Table(_Numbers):
 
     x: tuple[float, ...]
     f: tuple[float, ...]
-    interpolation: str = "linear"
+    interpolation: str = field(default="linear", metadata={"choices": ("linear", "cubic")})
 
 
 @dataclass(frozen=True)
@@ -97,6 +111,11 @@ class Series(_Parts):
 
 Element = Spring | Beam | Polynomial | Table | Parallel | Series
 Damper = Polynomial | Table
+
+#: Class by kind, as scene files and `fields.ELEMENTS` call it.
+KINDS = {one.__name__.lower(): one for one in get_args(Element)}
+if set(KINDS) != set(ELEMENTS):
+    raise ValueError(f"fields.ELEMENTS has the kinds {', '.join(ELEMENTS)}, model/elements.py the classes {', '.join(KINDS)}")
 
 
 def simplified(element: Element) -> Element:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
 from ..errors import SceneError
 from ..fields import owned_words, shared_words
+from ..model.elements import KINDS
 from . import costs
 from .entries import Entry, Scene
 from .messages import choose, twice
@@ -191,6 +193,10 @@ ELEMENT_KEYS = {
     "table": (("elongation", "force"), ("interpolation",)),
     "series": (("parts",), ("law",)),
     "parallel": (("parts",), ()),
+}
+#: Of the kinds whose classes say their keys, all are needed.
+ELEMENT_KEYS |= {
+    kind: (tuple(own.name for own in dataclasses.fields(made)), ()) for kind, made in KINDS.items() if kind not in ELEMENT_KEYS
 }
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from ..model.elements import Beam, Element, Parallel, Polynomial, Series, Table
+from ..model.elements import Beam, Element, Parallel, Polynomial, Series, Spring, Table
 
 #: Values of its parts that one value of a series takes, by Newton's method.
 STEPS = 8
@@ -55,4 +55,4 @@ def _pieces(element: Element) -> float:
         return 1.0 + each * sum(_pieces(part) - 1.0 for part in element.parts)
     if isinstance(element, Table):
         return 1.0 + 0.1 * len(element.x) + 2.0 * snapping(element)
-    return {Beam: 3.0, Polynomial: 3.0}.get(type(element), 1.0)
+    return 1.0 if isinstance(element, Spring) else 3.0

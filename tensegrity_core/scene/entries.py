@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, PrivateAttr, Strict, StringConstraints, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Strict,
+    StringConstraints,
+    Tag,
+    create_model,
+)
 from pydantic_core import PydanticCustomError
 
 from ..errors import SceneError
@@ -106,12 +118,16 @@ class Honeycomb(Entry):
     )
 
 
-class Element(Entry):
+if TYPE_CHECKING:
+    Kind = str
+else:
+    Kind = Literal[tuple(elements.KINDS)]
+
+
+class _Element(Entry):
     """A force law of strings, and what it is made of; which keys belong to it depends on its kind."""
 
-    kind: Literal["spring", "beam", "polynomial", "table", "series", "parallel"] = Field(
-        description='"spring", "beam", "polynomial", "table", "series" or "parallel"'
-    )
+    kind: Kind = Field(description=", ".join(f'"{kind}"' for kind in elements.KINDS))
     stiffness: Positive | None = Field(None, description="of a spring: its stiffness in N/m, greater than 0")
     Q: ForceScale | None = Field(None, description="of a beam: its force scale in N, greater than 0")
     zeta: Shape | None = Field(None, description="of a beam: its shape parameter, between 2 and 8 (metastable)")
@@ -129,6 +145,25 @@ class Element(Entry):
     law: SeriesLaw | None = Field(
         None, description='of a series: "single_valued" (the default) or "hysteretic" (with memory; not as a part of another)'
     )
+
+
+def _own_keys() -> dict[str, Any]:
+    """Keys of the kinds of elements whose classes say them: name -> type and description."""
+    found: dict[str, Any] = {}
+    for kind, made in elements.KINDS.items():
+        for own in (own for own in fields(made) if "description" in own.metadata):
+            if own.name in found or own.name in _Element.model_fields:
+                raise ValueError(
+                    f"model/elements.py: {kind}.{own.name}: another kind of elements has this key; choose another name"
+                )
+            each: Any = Annotated[float, _between(own.metadata["low"], own.metadata["high"])]
+            many: Any = Annotated[tuple[each, ...], Strict(False), Field(min_length=1)]
+            about = f"of a {kind}: {own.metadata['description']}"
+            found[own.name] = ((each if own.type == "float" else many) | None, Field(None, description=about))
+    return found
+
+
+Element: Any = create_model("Element", __base__=_Element, __doc__=_Element.__doc__, **_own_keys())
 
 
 class Damper(Entry):
@@ -278,6 +313,9 @@ class Scene(Entry):
             return elements.Polynomial(entry.given("coefficients"))
         if entry.kind == "table":
             return elements.Table(entry.given("elongation"), entry.given("force"), entry.interpolation or "linear")
+        if entry.kind not in ("series", "parallel"):
+            made = elements.KINDS[entry.kind]
+            return made(**{own.name: entry.given(own.name) for own in fields(made)})
         parts = tuple(self.element(part) for part in entry.given("parts"))
         grouped = elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
         return elements.simplified(grouped)
@@ -300,7 +338,7 @@ class Scene(Entry):
         if entry.kind in ("series", "parallel"):
             ends = [self._ends(part) for part in entry.given("parts")]
             return all(ends) if entry.kind == "series" else any(ends)
-        return entry.kind == "beam"
+        return elements.KINDS[entry.kind].stops
 
     def _material(self, string: str) -> Material:
         return self.materials[self.strings[string].given("material")]

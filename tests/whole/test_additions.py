@@ -1,5 +1,5 @@
-"""What README's table says of additions is true: in a copy of the tree an output, an input and an integrator are added by these
-steps alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
+"""What README's table says of additions is true: in a copy of the tree an output, an input, a string law and an integrator are
+added by these steps alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
 """
 
 from __future__ import annotations
@@ -29,6 +29,40 @@ WIND_ROW = """    Field("wind", "input", ("D",), "N", "wind.{D}", "force on each
 """
 WIND_KERNEL = "    return inputs[m->at[TS_WIND] + d] + inputs[m->at[TS_FORCE] + free * m->count[TS_D] + d];\n"
 WIND_REFERENCE = "    return load.force + load.wind * ~s.model.fixed\n"
+
+#: A string that hardens, f = k x + c x^3: its class with its keys, its compilation, its exact form.
+CLASS = """@dataclass(frozen=True)
+class Hardening(_Numbers):
+    k: float = key("stiffness at first in N/m", low=1e-15)
+    c: float = key("how it hardens in N/m3", low=0.0)
+
+
+"""
+COMPILED = """    case TS_ELEMENT_HARDENING:
+        if ((v = next_values(p, 2))) {
+            double c[3] = {v[0], 0.0, v[1]};
+            compile_polynomial(law, c, 3);
+        }
+        break;
+"""
+EXACT = """def _hardening(element) -> Law:
+    return _leaf([stretch(PolynomialCurve(0.0, (0.0, element.k, 0.0, element.c), 0.0), 0.0, math.inf)])
+
+
+"""
+
+#: A scene that has it.
+SCENE = """extends = "two_bar"
+name = "hardening"
+
+[elements.rubber]
+kind = "hardening"
+k = 1500.0
+c = 4e5
+
+[strings]
+s3 = { element = "rubber" }
+"""
 
 #: Heun's method, K. Heun, Neue Methoden zur approximativen Integration der Differentialgleichungen einer unabhaengigen
 #: Veraenderlichen, Zeitschrift fuer Mathematik und Physik 45, 1900: what differs from rk4.c, whose dense output it keeps.
@@ -95,6 +129,18 @@ def add_input(tree: Path) -> None:
     change(tree / "tensegrity_core" / "reference" / "instant.py", RIGHT_REFERENCE, WIND_REFERENCE)
 
 
+def add_law(tree: Path) -> None:
+    """Four files."""
+    change(tree / "tensegrity_core" / "fields.py", '"parallel", "series")', '"parallel", "series", "hardening")')
+    path = tree / "tensegrity_core" / "model" / "elements.py"
+    insert(path, "@dataclass(frozen=True)\nclass Parallel", CLASS)
+    change(path, "Table | Parallel | Series\n", "Table | Parallel | Series | Hardening\n")
+    insert(source(tree, "elements.c"), "    case TS_ELEMENT_TABLE:\n", COMPILED)
+    path = tree / "tensegrity_core" / "laws" / "elements.py"
+    insert(path, "def _polynomial(", EXACT)
+    change(path, "Series: _series}", "Series: _series, KINDS['hardening']: _hardening}")
+
+
 def add_integrator(tree: Path) -> None:
     """Two files."""
     insert(tree / "tensegrity_core" / "fields.py", '    "ros2": ', LINE)
@@ -106,9 +152,17 @@ def add_integrator(tree: Path) -> None:
     rk4.with_name("heun.c").write_text(text, encoding="utf-8")
 
 
+#: Additions, and how many files each touches.
+ADDITIONS = {add_output: 3, add_input: 3, add_law: 4, add_integrator: 2}
+
+
+def contents(tree: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in tree.rglob("*") if path.suffix in (".py", ".c", ".h", ".toml", ".json")}
+
+
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory) -> Path:
-    """A copy of the tree with both, built."""
+    """A copy of the tree with all of them, built."""
 
     def make(folder):
         folder.mkdir()
@@ -116,35 +170,45 @@ def tree(tmp_path_factory) -> Path:
         for part in PARTS:
             copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
             copy(ROOT / part, folder / part, **({"ignore": kept} if (ROOT / part).is_dir() else {}))
-        add_output(folder)
-        add_input(folder)
-        add_integrator(folder)
+        before = contents(folder)
+        for add, files in ADDITIONS.items():
+            add(folder)
+            after = contents(folder)
+            assert len({path for path in after if after[path] != before.get(path)}) == files
+            before = after
+        (folder / "hardening.toml").write_text(SCENE, encoding="utf-8")
         run(folder, "-m", "tensegrity_core.fields")
         build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY)")
 
     return once(tmp_path_factory, "additions", make)
 
 
-def test_an_fmu_with_both_is_validated(tree):
-    """Output and method are there by their names, compared, and documented."""
-    told = run(tree, "build_fmu.py", "two_bar", "--output", "dist", "--runtime", "native")
+def test_an_fmu_with_all_of_them_is_validated(tree):
+    """Output, input and method are there by their names, compared, and documented; law and input act."""
+    told = run(tree, "build_fmu.py", "hardening.toml", "--output", "dist", "--runtime", "native")
     assert "4 of 4" in told, told
-    with zipfile.ZipFile(tree / "dist" / "native" / "two_bar.fmu") as archive:
+    with zipfile.ZipFile(tree / "dist" / "native" / "hardening.fmu") as archive:
         assert b"s1.elongation" in archive.read("documentation/index.html")
     code = (
         "from fmpy import read_model_description, simulate_fmu\n"
-        "fmu = 'dist/native/two_bar.fmu'\n"
+        "fmu = 'dist/native/hardening.fmu'\n"
         "known = {v.name: v for v in read_model_description(fmu).modelVariables}\n"
         "print(known['s1.elongation'].causality, known['s1.elongation'].unit, known['solver.method'].max)\n"
         "def run(**options):\n"
-        "    start = {'n4.force.z': 5.0, **{f'solver.{name}': value for name, value in options.items()}}\n"
-        "    return simulate_fmu(fmu, stop_time=0.2, start_values=start, output=['s1.elongation'])['s1.elongation']\n"
-        "exact = run()\n"
-        "coarse, fine = (abs(run(method=5, step=h) - exact).max() for h in (2e-4, 1e-4))\n"
-        "print(3.5 < coarse / fine < 4.5, abs(exact).max() > 1e-4)\n"
+        "    start = {'n4.force.z': 5.0, 'wind.x': options.pop('wind', 0.0)}\n"
+        "    start |= {f'solver.{name}': value for name, value in options.items()}\n"
+        "    names = ['s1.elongation', 's3.elongation', 's3.elastic_force']\n"
+        "    return simulate_fmu(fmu, stop_time=0.2, start_values=start, output=names)\n"
+        "found = run()\n"
+        "exact, u = found['s1.elongation'], found['s3.elongation']\n"
+        "coarse, fine = (abs(run(method=5, step=h)['s1.elongation'] - exact).max() for h in (2e-4, 1e-4))\n"
+        "blown = run(wind=3.0)['s1.elongation']\n"
+        "print(3.5 < coarse / fine < 4.5, abs(exact).max() > 1e-4, abs(blown - exact).max() > 1e-5)\n"
+        "law = 1500.0 * u + 4e5 * u**3\n"
+        "print(known['wind.x'].causality, u.min() > 0.0, abs(found['s3.elastic_force'] - law).max() < 1e-9)\n"
     )
     lines = run(tree, "-c", code).splitlines()
-    assert lines[-2:] == ["output m 6", "True True"], lines
+    assert lines[-3:] == ["output m 6", "True True True", "input True True"], lines
 
 
 def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Path:
@@ -181,3 +245,26 @@ def test_an_output_without_a_value_in_the_kernel_is_found(tree, tmp_path):
         "Kernel(build_model(load_scene('two_bar'))).initialize()\n"
     )
     assert "is not a finite number" in run(copy, "-c", code, code=1)
+
+
+def test_an_input_that_acts_in_the_kernel_alone_is_found(tree, tmp_path):
+    copy = wrong(tree, tmp_path, "tensegrity_core/reference/instant.py", WIND_REFERENCE, RIGHT_REFERENCE)
+    told = run(copy, "build_fmu.py", "two_bar", "--output", "dist", "--runtime", "native", code=1)
+    assert "force error" in told, told
+
+
+def test_a_law_without_its_exact_form_is_found(tree, tmp_path):
+    copy = wrong(tree, tmp_path, "tensegrity_core/laws/elements.py", ", KINDS['hardening']: _hardening}", "}")
+    assert "laws/elements.py makes other laws than those of the kinds" in run(copy, "-m", "tensegrity_core", "check", code=1)
+
+
+def test_a_law_without_its_compilation_is_found(tree, tmp_path):
+    copy = wrong(tree, tmp_path, "elements.c", COMPILED, "")
+    build_libraries(copy)
+    told = run(copy, "-m", "tensegrity_core", "simulate", "hardening.toml", code=2)
+    assert "a force law is damaged" in told, told
+
+
+def test_a_law_without_its_kind_is_found(tree, tmp_path):
+    copy = wrong(tree, tmp_path, "tensegrity_core/fields.py", ', "hardening")', ")")
+    assert "model/elements.py the classes" in run(copy, "-m", "tensegrity_core", "check", code=1)
