@@ -428,3 +428,11 @@ def test_a_structure_that_nothing_holds_is_refused():
     model = one_bar([0.0, 0.0, L], [[-A, 0.0, L]], [A + 0.1])  # slack: the bar is free to turn
     with pytest.raises(PathError, match="no isolated equilibrium"):
         paths.follow(Loading(model, on_tip(model, -UP)), 0.0, 1.0)
+
+
+def test_a_point_between_two_without_a_direction_is_an_error(monkeypatch):
+    _, loading = lifted("three_bar")
+    path = steady_states.load_sweep(loading, [0.0, 5.0]).paths[0]
+    monkeypatch.setattr(paths, "_point", lambda *point: None)
+    with pytest.raises(PathError, match=r"no direction at p = 2\.5"):
+        path.at(2.5)
