@@ -5,7 +5,8 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
 #: Tool -> requirement, 'ruff' -> 'ruff==0.17.6'.
 PINS = {pin.partition("==")[0]: pin for pin in PROJECT["optional-dependencies"]["lint"]}
 TOOL = r"(ruff \w+|[a-z][\w-]*)"
@@ -33,7 +34,9 @@ def test_hooks_and_lint_run_the_same_tools():
 def test_hooks_install_the_pinned_versions():
     assert all("==" in pin for pin in PINS.values())
     for tool, installed in hooks():
-        needed = PROJECT["dependencies"] if tool == "mypy" else []  # types come from them
+        needed = (
+            SETTINGS["build-system"]["requires"] + PROJECT["dependencies"] if tool == "mypy" else []
+        )  # types come from them
         assert installed == [PINS[tool.split()[0]], *needed]
     text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     assert re.findall(r"- repo: (.*)", text) == ["local"], "nothing comes from another repository"
