@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy  # whose packages load when first named: they take longer than all else at a command's start
@@ -90,9 +90,18 @@ class SumCurve(NamedTuple):
     def local(self, at: float) -> np.ndarray | None:
         """Coefficients of f in powers of u - at; None where a part is no polynomial."""
         parts = [part.local(at) if hasattr(part, "local") else None for part in self.parts]
-        if any(part is None for part in parts):
+        known = [part for part in parts if part is not None]
+        if len(known) < len(parts):
             return None
-        return sum((polynomial.Polynomial(part) for part in parts), polynomial.Polynomial([0.0])).coef
+        return sum((polynomial.Polynomial(part) for part in known), polynomial.Polynomial([0.0])).coef
+
+
+class Curve(Protocol):
+    """A force over one displacement: force (N), slope (N/m) and curvature (N/m2) at u (m), and the energy (J) from 0 to u."""
+
+    def value(self, u: float) -> tuple[float, float, float]: ...
+
+    def energy(self, u: float) -> float: ...
 
 
 class HeldCurve(NamedTuple):
@@ -101,7 +110,7 @@ class HeldCurve(NamedTuple):
     held: sum of their displacements, m; base: their energy, J.
     """
 
-    part: object
+    part: Curve
     held: float
     base: float
 
@@ -119,7 +128,7 @@ class Stretch:
     snapped: beams, polynomials and tables past their force maximum here; joined: the curve is that of the stretch before.
     """
 
-    curve: object
+    curve: Curve
     start: float
     end: float
     first: float
