@@ -253,6 +253,27 @@ def test_an_input_that_acts_in_the_kernel_alone_is_found(tree, tmp_path):
     assert "force error" in told, told
 
 
+def test_an_input_that_acts_in_the_reference_alone_or_has_no_row_is_found(tree, tmp_path):
+    code = (
+        "from tensegrity_core import kernel, reference\nfrom tensegrity_core.scene import load_scene\n"
+        "from tensegrity_core.model import grid, held\nfrom tensegrity_core.statics import build_model\n"
+        "model = build_model(load_scene('two_bar'))\n"
+        "inputs = held(model, grid(0.01, 0.005), wind=lambda t: [5.0, 0.0, 0.0])\n"
+        "one, other = (room.simulate(model, inputs).position for room in (kernel, reference))\n"
+        "print(abs(one - other).max() > 1e-6)\n"
+    )
+    assert run(tree, "-c", code).split() == ["False"]
+    copy = wrong(tree, tmp_path, "kinematics.h", WIND_KERNEL, RIGHT_KERNEL)
+    build_libraries(copy)
+    assert run(copy, "-c", code).split() == ["True"]
+    change(source(copy, "kinematics.h"), RIGHT_KERNEL, WIND_KERNEL)
+    change(copy / "tensegrity_core" / "fields.py", WIND_ROW, "")
+    run(copy, "-m", "tensegrity_core.fields")
+    assert "the length is wrong" in run(copy, "-c", code, code=1)
+    with pytest.raises(AssertionError, match="TS_WIND"):
+        build_libraries(copy)
+
+
 def test_a_law_without_its_exact_form_is_found(tree, tmp_path):
     copy = wrong(tree, tmp_path, "tensegrity_core/laws/elements.py", ", KINDS['hardening']: _hardening}", "}")
     assert "laws/elements.py makes other laws than those of the kinds" in run(copy, "-m", "tensegrity_core", "check", code=1)
