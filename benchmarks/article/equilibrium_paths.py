@@ -31,7 +31,7 @@ from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.equilibria.paths import follow
 from tensegrity_core.kernel import Kernel, simulate
-from tensegrity_core.laws.nsh import snapped_on_piece
+from tensegrity_core.laws import string_law
 from tensegrity_core.laws.string_laws import string_laws
 from tensegrity_core.model import grid, held
 from tensegrity_core.output.path_figures import Quantity, curve
@@ -130,7 +130,7 @@ def waited(case: Case, load: float) -> dict:
 
 def snapped(case: Case, point) -> int:
     """Beams past their force maximum, of all honeycombs together."""
-    return sum(snapped_on_piece(case.model.nsh[s], int(point.piece[s])) for s in case.model.nsh_strings)
+    return sum(string_law(case.model, s).snapped_on_piece(int(point.piece[s])) for s in case.model.nsh_strings)
 
 
 def states(case: Case) -> list[dict]:

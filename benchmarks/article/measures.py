@@ -14,7 +14,7 @@ from scipy.signal import find_peaks
 from tensegrity_core import kernel, laws
 from tensegrity_core.article import experiments
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.laws import nsh
+from tensegrity_core.laws.beam import beam_extrema
 from tensegrity_core.model import Model, Result
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
@@ -70,15 +70,15 @@ def lifted(model: Model, forces) -> experiments.SteadyHeights:
 
 def honeycombs(model: Model) -> list[int]:
     """Strings with an NSH, also those that are an element of beams and a spring."""
-    return sorted({*model.nsh_strings, *model.laws})
+    return sorted({*model.nsh_strings, *model.elements} - {i for i in model.memories if model.nsh[i] is None})
 
 
 def snapped(model: Model, counted: np.ndarray, string_length: np.ndarray) -> np.ndarray:
     """(K, number of honeycombs): beams past their force maximum; of strings with an NSH those that the kernel counts (K, H), of
     elements without memory by the strings' lengths (K, S), m."""
     found = dict(zip(model.nsh_strings, counted.T))
-    for i, element in model.laws.items():
-        law = laws.law(element)
+    for i in set(honeycombs(model)) - {*model.nsh_strings}:
+        law = laws.string_law(model, i)
         found[i] = [law.snapped_on_piece(law.piece_of(x)) for x in string_length[:, i] - model.rest_length[i]]
     return np.array([found[i] for i in sorted(found)], dtype=int).reshape(len(found), len(string_length)).T
 
@@ -287,7 +287,7 @@ def measure_statics() -> dict:
     """Bars, coordinates and the honeycomb."""
     honeycomb = experiments.article_nsh()
     curve = experiments.honeycomb_curve()
-    beams = [nsh.beam_extrema(*beam) for beam in zip(honeycomb.Q, honeycomb.zeta, honeycomb.h)]
+    beams = [beam_extrema(*beam) for beam in zip(honeycomb.Q, honeycomb.zeta, honeycomb.h)]
     models = {name: experiments.system(name) for name in experiments.SYSTEMS}
     single = experiments.beam_curve().marks
     return {
@@ -303,9 +303,9 @@ def measure_statics() -> dict:
 
 def after_last_snap(honeycomb) -> float:
     """m: elongation at which the force is that of the last snap again."""
-    ends = nsh.breakpoints(honeycomb)
-    last = max(nsh.beam_extrema(*beam).f_max for beam in zip(honeycomb.Q, honeycomb.zeta, honeycomb.h))
-    return float(max(x for x in ends if abs(nsh.force(honeycomb, x, 0.0) - last) < 1e-9 * last))
+    made = laws.law(honeycomb.element)
+    last = max(beam_extrema(*beam).f_max for beam in zip(honeycomb.Q, honeycomb.zeta, honeycomb.h))
+    return float(max(x for x in made.breakpoints if abs(made.force(x) - last) < 1e-9 * last))
 
 
 MEASURES = {"I": measure_1, "II": measure_2, "III": measure_3, "IV": measure_4}

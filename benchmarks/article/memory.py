@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.harness import machine
 from benchmarks.harness.page import Page, plain, read_columns, read_json, table, wrapped, write_json
 from tensegrity_core.article.experiments import DAMPINGS, LIFTS
-from tensegrity_core.laws import nsh
+from tensegrity_core.laws.beam import beam_extrema
 from tensegrity_core.model.elements import Series
 from tensegrity_core.output.export import write_columns
 
@@ -180,7 +180,7 @@ def regions(at: list[int]) -> str:
 def honeycomb_text(data: dict) -> str:
     loop, run = data["honeycomb"], data["honeycomb"]["machine"]
     ways = [len(of_way(loop, sign, "x")) for sign in (1, -1)]
-    f_min = [nsh.beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams()]
+    f_min = [beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams()]
     return f"""There are {ways[0]} snaps on the way there and {ways[1]} on the way back. On the way there beam 1 passes its
 region II without one, and the others snap from the middle of theirs. Towards a snap the force falls ever more steeply, as a
 square root: a sweep in steps of {1e6 * SWEEP_STEP:g} µm last sees {shown(loop["swept"], ".2f")} N before the three. On the
@@ -258,7 +258,7 @@ def first_text(data: dict) -> str:
     midway = sum(len(set(data["I"][n]["differ"]) & set(data["I"][n]["midway"])) for n in SYSTEMS)
     others = sum(len(data["I"][n]["midway"]) for n in SYSTEMS) - midway
     where = "There, and at no other lift," if (midway, others) == (differ, 0) else f"At {midway} of these and {others} others"
-    lowest = min(nsh.beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams())
+    lowest = min(beam_extrema(b.Q, b.zeta, b.h).f_min for b in beams())
     three, loop = data["I"]["three_bar"]["memory"]["ramp"], data["honeycomb"]["loss"]
     return f"""*Sudden lifts*, {LIFTS[0]} to {LIFTS[-1]} N in runs of 50 s as in experiment I: under both laws the heights lie
 within {apart} of each other, and the beams pass their maxima between {"the same" if same else "other"} lifts. At {differ} of

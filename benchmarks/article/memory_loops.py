@@ -17,7 +17,8 @@ from tensegrity_core import laws
 from tensegrity_core.article import experiments
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.kernel import Kernel, simulate
-from tensegrity_core.laws import hysteresis, nsh
+from tensegrity_core.laws import hysteresis
+from tensegrity_core.laws.beam import beam_extrema
 from tensegrity_core.model import Model, Result, held
 from tensegrity_core.model.elements import Beam, Series, Spring, Table
 
@@ -202,9 +203,9 @@ def smooth_first(parts: Sequence[Beam]) -> float:
     While it falls from f_max to f_min along its cubic, the others, still on I, are springs in series: the elongation grows
     throughout if 1/k + sum 1/f'_j < 1/|f'_first|.
     """
-    first = min(parts, key=lambda b: nsh.beam_extrema(b.Q, b.zeta, b.h).f_max)
+    first = min(parts, key=lambda b: beam_extrema(b.Q, b.zeta, b.h).f_max)
     others = [b for b in parts if b is not first]
-    ends = nsh.beam_extrema(first.Q, first.zeta, first.h)
+    ends = beam_extrema(first.Q, first.zeta, first.h)
 
     def room(u: float) -> float:
         force, fall = _beam(first, u)
@@ -225,7 +226,7 @@ def _beam(b: Beam, u: float) -> tuple[float, float]:
 
 def _rising(b: Beam, force: float) -> float:
     """m: where the beam bears the force on I."""
-    return brentq(lambda u: _beam(b, u)[0] - force, 0.0, nsh.beam_extrema(b.Q, b.zeta, b.h).u_max, xtol=1e-17)
+    return brentq(lambda u: _beam(b, u)[0] - force, 0.0, beam_extrema(b.Q, b.zeta, b.h).u_max, xtol=1e-17)
 
 
 def cycle(parts: Sequence[Beam], k: float) -> list[tuple[int, float]]:

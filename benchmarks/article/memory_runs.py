@@ -177,8 +177,8 @@ def midway(model: Model, string_length: np.ndarray) -> list[int]:
     """Places of the rows of lengths (K, S), m, where a string without memory stands on the curve of a beam that snaps, the
     others held: it does not bear f_max again."""
     found = set()
-    for i, element in model.laws.items():
-        made = laws.law(element)
+    for i in sorted(set(model.elements) - {*model.nsh_strings, *model.memories}):
+        made = laws.string_law(model, i)
         pieces = [made.piece_of(float(x)) for x in string_length[:, i] - model.rest_length[i]]
         held_on = {n for n, piece in enumerate(made.pieces, 1) if isinstance(piece.curve, HeldCurve)}
         found |= {k for k, n in enumerate(pieces) if n in held_on}

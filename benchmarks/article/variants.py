@@ -14,7 +14,7 @@ import numpy as np
 from tensegrity_core import statics
 from tensegrity_core.article import experiments
 from tensegrity_core.kernel import simulate
-from tensegrity_core.laws import nsh
+from tensegrity_core.laws import law
 from tensegrity_core.model import Model, held
 from tensegrity_core.model.elements import Series, Spring
 from tensegrity_core.scene import load_scene
@@ -62,9 +62,9 @@ def end_stiffness(model: Model) -> Model:
     """Beyond its end the NSH goes on with the slope that it has there: a table extrapolated by its last pair."""
     changed = model
     for i in model.nsh_strings:
-        end = nsh.breakpoints(model.nsh[i])[-1]
+        made = law(model.nsh[i].element)
         stiffness = changed.stiffness.copy()
-        stiffness[i] = nsh.stiffness(model.nsh[i], end, 0.0)
+        stiffness[i] = made.stiffness(made.end)
         changed = replace(changed, stiffness=stiffness)
     return changed
 

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from benchmarks.harness import page as common
 from tensegrity_core.errors import SimulationError
-from tensegrity_core.laws.nsh import beam_displacement, beam_extrema
+from tensegrity_core.laws.beam import beam_displacement, beam_extrema
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.integrate import quad, solve_ivp
 
 from tensegrity_core.kernel import Kernel
-from tensegrity_core.laws import nsh as law
+from tensegrity_core.laws import beam as law
 from tensegrity_core.model import NSH, Model
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tensegrity_core import laws
 from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.laws import string_law
 from tensegrity_core.model import Model
 from tensegrity_core.model.components import components
 
@@ -105,7 +105,7 @@ def _hidden(field: Field, component: dict, model: Model) -> bool:
         return False
     string = model.string_names.index(component["S"])
     if field.name == "stiffness":
-        return string in model.laws and laws.law(model.laws[string]).end == math.inf
+        return string in model.elements and not string_law(model, string).uses_stiffness
     return model.actuator[string] is not None
 
 
@@ -151,7 +151,7 @@ def flat(name: str) -> str:
 
 
 def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | None, float | int | None]:
-    if field.name == "nsh_zeta" and model.honeycombs[model.string_names.index(component["Z"])].plain:
+    if field.name == "nsh_zeta" and model.honeycombs[model.string_names.index(component["Z"])].metastable:
         return METASTABLE
     if field.name == "snapped":
         return 0, component["beams"]

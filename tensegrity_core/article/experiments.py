@@ -14,7 +14,8 @@ import numpy as np
 from ..errors import InputError
 from ..kernel import simulate
 from ..kernel.peaks import largest
-from ..laws import nsh as law
+from ..laws import law
+from ..laws.beam import beam_extrema, beam_force
 from ..model import NSH, Inputs, Model, Result, grid, held
 from ..scene import load_scene
 from ..statics import build_model
@@ -431,20 +432,21 @@ def beam_curve() -> Curve:
     """Figure 3: a single beam from 0 to 2 h, with the extrema of eq. 14."""
     Q, zeta, h = (values[0] for values in (BEAM.Q, BEAM.zeta, BEAM.h))
     u = np.linspace(0.0, 2.0 * h, CURVE_POINTS)
-    e = law.beam_extrema(Q, zeta, h)
-    marks = {"f_max": (e.u_max, e.f_max), "f_min": (e.u_min, e.f_min), "f_end": (2.0 * h, law.beam_force(Q, zeta, h, 2.0 * h))}
-    return Curve(BEAM, u, law.beam_force(Q, zeta, h, u), marks)
+    e = beam_extrema(Q, zeta, h)
+    marks = {"f_max": (e.u_max, e.f_max), "f_min": (e.u_min, e.f_min), "f_end": (2.0 * h, beam_force(Q, zeta, h, 2.0 * h))}
+    return Curve(BEAM, u, beam_force(Q, zeta, h, u), marks)
 
 
 def honeycomb_curve() -> Curve:
     """Figure 5: the article's NSH by Algorithm 1, from 0 to the sum of 2 h, with each beam's snap and the end."""
     nsh = article_nsh()
-    ends = law.breakpoints(nsh)
+    made = law(nsh.element)
+    ends = made.breakpoints
     xi = np.unique(np.concatenate((np.linspace(0.0, ends[-1], CURVE_POINTS), ends)))
-    f_max = sorted(law.beam_extrema(*beam).f_max for beam in zip(nsh.Q, nsh.zeta, nsh.h))
-    marks = {f"snap {i}": (law.elongation(nsh, f), f) for i, f in enumerate(f_max, 1)}
-    marks["end"] = (float(ends[-1]), law.force(nsh, float(ends[-1]), 0.0))
-    return Curve(nsh, xi, law.force(nsh, xi, 0.0), marks)
+    f_max = sorted(beam_extrema(*beam).f_max for beam in zip(nsh.Q, nsh.zeta, nsh.h))
+    marks = {f"snap {i}": (made.elongation(f), f) for i, f in enumerate(f_max, 1)}
+    marks["end"] = (made.end, made.end_force)
+    return Curve(nsh, xi, np.array([made.force(x) for x in xi.tolist()]), marks)
 
 
 # --- all of them -------------------------------------------------------------------------------------------------

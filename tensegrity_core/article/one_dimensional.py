@@ -1,13 +1,13 @@
 """A mass on a spring and a damper in one dimension, with a linear spring or an NSH: experiment IV of the article (eq. 15).
 
 M x'' + B x' + f(x) = f_ext.  It is no tensegrity: there is no bar, and the spring also pushes (f(-x) = -f(x)); nothing goes
-slack.  The NSH's curve is the exact one of `nsh`; integration stops at each end of its pieces and starts anew there.
+slack.  The NSH's curve is the exact one of `laws`; integration stops at each end of its pieces and starts anew there.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..laws import nsh as law
+from ..laws import law
+from ..laws.law import Law
 from ..model import NSH
 from ..quantities import number
 
@@ -40,12 +41,18 @@ class Oscillator:
                 raise InputError(f"{name} = {value!r} is not {least}; give a finite number that is")
 
     @cached_property
+    def law(self) -> Law:
+        """The NSH's law."""
+        assert self.nsh is not None
+        return law(replace(self.nsh, law="single_valued").element, self.stiffness)
+
+    @cached_property
     def breakpoints(self) -> list[float]:
         """m: ends of the pieces of f, increasing and symmetric to 0; empty for a linear spring."""
         if self.nsh is None:
             return []
-        ends = law.breakpoints(self.nsh).tolist()
-        return [-x for x in ends[:0:-1]] + ends
+        ends = self.law.breakpoints
+        return [-x for x in ends[:0:-1]] + list(ends)
 
     def piece(self, x: float, velocity: float, force: float) -> int:
         """Number of the piece: breakpoints[piece - 1] to breakpoints[piece]; on a breakpoint the one that the motion enters,
@@ -60,12 +67,12 @@ class Oscillator:
             return self.stiffness * x
         zero = len(self.breakpoints) // 2
         if piece > zero:
-            return law.force_on_piece(self.nsh, piece - zero, x, self.stiffness)
-        return -law.force_on_piece(self.nsh, zero - piece + 1, -x, self.stiffness)
+            return self.law.force_on_piece(piece - zero, x)
+        return -self.law.force_on_piece(zero - piece + 1, -x)
 
     def stored(self, x: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """J: energy in mass and spring at positions and velocities, m and m/s."""
-        spring = 0.5 * self.stiffness * x**2 if self.nsh is None else law.energy(self.nsh, np.abs(x), self.stiffness)
+        spring = 0.5 * self.stiffness * x**2 if self.nsh is None else np.vectorize(self.law.energy, otypes=[float])(np.abs(x))
         return 0.5 * self.mass * velocity**2 + spring
 
 

@@ -9,7 +9,8 @@ from functools import lru_cache
 from ..errors import InputError
 from ..model.elements import Damper, Polynomial
 from ..quantities import number
-from .curves import PolynomialCurve, monotone
+from .curves import PolynomialCurve
+from .pieces import monotone
 from .tables import check_coefficients, table_curves
 
 
@@ -41,8 +42,8 @@ def damping(damper: Damper) -> Damping:
     if isinstance(damper, Polynomial):
         check_coefficients("damper", damper.coefficients)
         curve = PolynomialCurve(0.0, (0.0, *damper.coefficients), 0.0)
-        curves, stretches = [(curve, 0.0, math.inf)], monotone(curve, 0.0, math.inf)
-        lowest = [(one.first, one.start) if one.sign >= 0 else (one.last, one.end) for one in stretches]
+        curves, pieces = [(curve, 0.0, math.inf)], monotone(curve, 0.0, math.inf)
+        lowest = [(one.first, one.start) if one.sign >= 0 else (one.last, one.end) for one in pieces]
     else:
         curves = table_curves(damper)
         falls = curves[-1][0].value(damper.x[-1])[1] < 0.0

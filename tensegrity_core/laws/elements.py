@@ -7,37 +7,44 @@ that ends at a stop has a piece P+1 in which the string's own stiffness k takes 
   table at its points, but for the last point of a linear one.
 * Beam: two pieces, one up to the force maximum (one at all, if zeta <= 2), then a stop.
 * Parallel: forces add up; a stop of one part stops all.
-* Series: Algorithm 1 of the article for parts of any kind.  All parts bear one force on rising stretches; the one whose stretch
+* Series: Algorithm 1 of the article for parts of any kind.  All parts bear one force on rising pieces; the one whose piece
   ends lowest (ties: lowest index) snaps along its own curve until it bears that force again, the others held.
 
-`nsh` has the same law for beams in series, faster and for metastable beams only.
+For a honeycomb, beams in series, that is a chain of *rises*, on which beams that have snapped are on region III (at 2h beyond
+4 Q) and the others on I, and of *snaps*, one for each beam, in the order of their f_max.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
-from itertools import pairwise
 
 from ..errors import InputError
 from ..model.elements import BEAM_RANGES, KINDS, Beam, Element, Parallel, Polynomial, Series, Spring, Table
-from . import nsh as honeycomb
-from .curves import BeamCurve, PolynomialCurve, Stretch, SumCurve, monotone, stretch
-from .exact import Law, require_tension
+from ..quantities import number
+from .beam import beam_extrema
+from .curves import BeamCurve, PolynomialCurve, SumCurve
+from .law import Law, require_tension
+from .pieces import Piece, monotone
 from .series import Snaps
 from .tables import check_coefficients, table_curves
 
 
-@lru_cache(maxsize=256)
-def law(element: Element) -> Law:
-    """The law of an element without memory.
+def law(element: Element, k: float | None = None) -> Law:
+    """The law of an element without memory.  k: N/m, the string's own stiffness, which takes over beyond a stop.
 
     Raises InputError where a parameter is out of range, where the force would fall below 0, or for a series in which a part
     that snaps never bears the force again.
     """
+    return _string_law(element, k if k is None else number("k", k))
+
+
+@lru_cache(maxsize=1024)
+def _string_law(element: Element, k: float | None) -> Law:
     made = part_law(element)
     require_tension(made, type(element).__name__.lower())
-    return made
+    return made.beyond(k)
 
 
 @lru_cache(maxsize=256)
@@ -56,18 +63,18 @@ def _positive(kind: str, **values: float) -> None:
             raise InputError(f"{kind}.{name} = {value!r}: must be positive and finite")
 
 
-def _leaf(stretches: list[Stretch], pieces: list[Stretch] | None = None) -> Law:
-    """A law that counts as snapped from its first falling stretch on."""
-    falls = next((i for i, one in enumerate(stretches) if one.sign < 0), None)
+def _leaf(pieces: list[Piece]) -> Law:
+    """A law that counts as snapped from its first falling piece on."""
+    falls = next((i for i, one in enumerate(pieces) if one.sign < 0), None)
     if falls is None:
-        return Law(stretches, stretches)
-    counted = [Stretch(s.curve, s.start, s.end, s.first, s.last, int(i >= falls), s.joined) for i, s in enumerate(stretches)]
+        return Law(pieces, pieces)
+    counted = [Piece(s.curve, s.start, s.end, s.first, s.last, int(i >= falls), s.joined) for i, s in enumerate(pieces)]
     return Law(counted, counted)
 
 
 def _spring(spring: Spring) -> Law:
     _positive("spring", k=spring.k)
-    return _leaf([stretch(PolynomialCurve(0.0, (0.0, spring.k), 0.0), 0.0, math.inf)])
+    return _leaf([Piece.of(PolynomialCurve(0.0, (0.0, spring.k), 0.0), 0.0, math.inf)])
 
 
 def _beam(beam: Beam) -> Law:
@@ -76,18 +83,18 @@ def _beam(beam: Beam) -> Law:
             raise InputError(f"beam.{name} = {getattr(beam, name)!r}: must be positive and finite, from {low:g} to {high:g}")
     curve, ends = BeamCurve(beam.Q, beam.zeta, beam.h), [0.0, 2.0 * beam.h]
     if beam.zeta > 2.0:
-        extrema = honeycomb.beam_extrema(*curve)
+        extrema = beam_extrema(*curve)
         # beyond zeta = 14 the minimum still lies below 2h: s < 1/sqrt(3)
         ends[1:1] = [extrema.u_max, extrema.u_min]
-    return _leaf([stretch(curve, a, b, joined=a > 0.0) for a, b in pairwise(ends)])
+    return _leaf([Piece.of(curve, a, b, joined=a > 0.0) for a, b in itertools.pairwise(ends)])
 
 
 def _polynomial(element: Polynomial) -> Law:
     check_coefficients("polynomial", element.coefficients)
     curve = PolynomialCurve(0.0, (0.0, *element.coefficients), 0.0)
     made = _leaf(monotone(curve, 0.0, math.inf))
-    if made.stretches[0].sign < 0 or made.stretches[-1].sign < 0:
-        where = "at first" if made.stretches[0].sign < 0 else "in the end"
+    if made.monotone[0].sign < 0 or made.monotone[-1].sign < 0:
+        where = "at first" if made.monotone[0].sign < 0 else "in the end"
         raise InputError(
             f"polynomial.coefficients = {element.coefficients!r}: the force falls {where}; "
             "let the first and the last coefficient that is not 0 be positive"
@@ -96,9 +103,9 @@ def _polynomial(element: Polynomial) -> Law:
 
 
 def _table(table: Table) -> Law:
-    made = _leaf([stretch(curve, a, b) for curve, a, b in table_curves(table)])
-    if made.stretches[0].sign < 0 or made.stretches[-1].sign < 0:
-        where = "at first" if made.stretches[0].sign < 0 else "beyond the last point, along the last slope"
+    made = _leaf([Piece.of(curve, a, b) for curve, a, b in table_curves(table)])
+    if made.monotone[0].sign < 0 or made.monotone[-1].sign < 0:
+        where = "at first" if made.monotone[0].sign < 0 else "beyond the last point, along the last slope"
         raise InputError(f"table.f = {table.f!r}: the force falls {where}; add points between which it rises")
     return made
 
@@ -109,14 +116,14 @@ def _parallel(element: Parallel) -> Law:
     ends = sorted({e for part in parts for e in (0.0, end, *part.breakpoints) if e <= end})
     if end == math.inf and ends[-1] < math.inf:
         ends.append(end)
-    pieces, stretches, before = [], [], None
-    for a, b in pairwise(ends):
+    pieces, turned, before = [], [], None
+    for a, b in itertools.pairwise(ends):
         inside = [part.pieces[part.piece_of(0.5 * (a + b) if b < math.inf else a + 1.0) - 1] for part in parts]
         curve, snapped = SumCurve(tuple(one.curve for one in inside)), sum(one.snapped for one in inside)
-        pieces.append(stretch(curve, a, b, snapped, curve == before))
-        stretches += monotone(curve, a, b, snapped, curve == before)
+        pieces.append(Piece.of(curve, a, b, snapped, curve == before))
+        turned += monotone(curve, a, b, snapped, curve == before)
         before = curve
-    return Law(pieces, stretches)
+    return Law(pieces, turned)
 
 
 def _parts(kind: str, parts: tuple[Element, ...]) -> list[Law]:

@@ -8,14 +8,14 @@ x the element's elongation, k_s the string's own stiffness, in series with the p
 becomes singular the element snaps: the new state is the limit of the overdamped flow c u'_j = T - f_j(u_j), equal c, with stops
 at 0 and at the parts' ends, and Pi before less Pi after is lost.  A slack string (T = 0) keeps u at rest under no force.
 
-A *branch* is a family of such minima: each part is on one of its law's stretches or at its stop, at most one of them on a
-stretch that does not rise.  All parts and the spring k_s then carry one force, which is a smooth function of x.  A branch ends
+A *branch* is a family of such minima: each part is on one of its law's pieces or at its stop, at most one of them on a
+piece that does not rise.  All parts and the spring k_s then carry one force, which is a smooth function of x.  A branch ends
 
-* where a part reaches the end of its stretch: the next branch joins on, without a loss, if it is stable there;
+* where a part reaches the end of its piece: the next branch joins on, without a loss, if it is stable there;
 * at a fold, where dx/dp = 0, p the displacement of the falling part: T has a square root there;
 * where the string goes slack.
 
-Ties.  Forces within `Stretch.tie` of each other are one.  Parts that come to ends of their stretches at one force come there
+Ties.  Forces within `Piece.tie` of each other are one.  Parts that come to ends of their pieces at one force come there
 together, each to its own end.  Where these are extrema the first part (by index) whose fall goes on stably falls and the others
 go back; where none does they snap, and the flow starts with the first of them moving on.  Beyond a tie the part whose end has
 the nearer force goes, however little nearer: next to that end may lie a branch as short as the root of the difference, and it
@@ -28,6 +28,7 @@ Parts are elements without memory of any kind; each must rise at first and in th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from itertools import product
 from typing import NamedTuple
@@ -38,17 +39,20 @@ import scipy
 from ..errors import InputError, TensegrityError
 from ..model.elements import Series
 from ..quantities import number
-from .curves import EPS, TIE, Chain, PolynomialCurve, RiseCurve, Stretch, rise, stretch
+from .beam import EPS
+from .chains import Chain, RiseCurve, rise
+from .curves import PolynomialCurve
 from .elements import part_law
-from .exact import Law
+from .law import Law
+from .pieces import TIE, Piece
 
-#: The flow starts this far from the state that lost its stability, as a part of the leading part's stretch.
+#: The flow starts this far from the state that lost its stability, as a part of the leading part's piece.
 NUDGE = 1e-3
 #: What breaks ties between equal parts, as a part of that.
 TIE_BREAK = 1e-3
 #: Tolerances of the flow's integration; the limit itself is solved for exactly.
 FLOW_RTOL, FLOW_ATOL = 1e-8, 1e-12
-#: The flow has arrived where a Newton step from a stable state is shorter than this part of the stretches.
+#: The flow has arrived where a Newton step from a stable state is shorter than this part of the pieces.
 ARRIVED = 1e-7
 #: Eigenvalues below this part of the parts' largest slope are not those of a stable state.
 NEUTRAL = 1e-8
@@ -79,22 +83,22 @@ class Memory:
     def __init__(self, element: Series, k: float):
         self.element, self.k = element, k
         self.parts: tuple[Law, ...] = tuple(part_law(part) for part in element.parts)
-        self.spring = stretch(PolynomialCurve(0.0, (0.0, k), 0.0), 0.0, math.inf)
+        self.spring = Piece.of(PolynomialCurve(0.0, (0.0, k), 0.0), 0.0, math.inf)
         self.width = max((part.breakpoints[-1] for part in self.parts), default=0.0)  # m: what lengths are small beside
         self._branches: dict[tuple, tuple[Branch, ...]] = {}
         for i, part in enumerate(self.parts, 1):
-            if part.stretches[0].sign <= 0 or (part.end == math.inf and part.stretches[-1].sign <= 0):
-                where = "at first" if part.stretches[0].sign <= 0 else "in the end"
+            if part.monotone[0].sign <= 0 or (part.end == math.inf and part.monotone[-1].sign <= 0):
+                where = "at first" if part.monotone[0].sign <= 0 else "in the end"
                 raise InputError(f"series: the force of part {i} does not rise {where}; a part of a series with memory must")
 
-    def stretch(self, i: int, at: int) -> Stretch | None:
-        """Part i's stretch of a number; None: its stop."""
-        stretches = self.parts[i].stretches
-        return stretches[at] if at < len(stretches) else None
+    def piece(self, i: int, at: int) -> Piece | None:
+        """Part i's piece of a number; None: its stop."""
+        pieces = self.parts[i].monotone
+        return pieces[at] if at < len(pieces) else None
 
     def sign(self, i: int, at: int) -> int:
         """1 rising or at a stop, 0 flat, -1 falling."""
-        on = self.stretch(i, at)
+        on = self.piece(i, at)
         return 1 if on is None else on.sign
 
     def force(self, i: int, u: float) -> tuple[float, float]:
@@ -104,11 +108,11 @@ class Memory:
         return on.curve.value(u)[:2]
 
     def slack(self, at: tuple[int, ...]) -> Branch:
-        """The slack branch on which each part rests on a stretch."""
+        """The slack branch on which each part rests on a piece."""
         return self._kept(("slack", *at), lambda: (Branch(self, at, 0, None, (), (), False),))[0]
 
     def branches(self, at: tuple[int, ...]) -> tuple[Branch, ...]:
-        """The stable taut branches of these stretches, in order of the leading part's displacement; none, one or more."""
+        """The stable taut branches of these pieces, in order of the leading part's displacement; none, one or more."""
         return self._kept(at, lambda: _stable(self, at))
 
     def _kept(self, key, make):
@@ -154,29 +158,11 @@ def follow(branch: Branch, x: float) -> tuple[Branch, list[Event]]:
     return branch, events
 
 
-def elongation(element: Series, k: float, force: float) -> float:
-    """Smallest elongation at which an element stretched from slack bears the force (N), m.  k: the string's own stiffness.
-
-    Raises InputError for a negative force and for one that the element never bears.
-    """
-    force = number("force", force)
-    if not (math.isfinite(force) and force >= 0.0):
-        raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
-    branch, passed = start(element, k), 0
-    while force > 0.0:
-        branch, passed = branch.above()[0], passed + 1
-        if branch.lead is None and branch.low <= force <= branch.high:
-            return branch.elongation(force)
-        if branch.upper == math.inf or passed > MAX_EVENTS:
-            raise InputError(f"force = {force!r} N: the element never bears it; use a smaller force")
-    return 0.0
-
-
 class Branch:
     """A stable branch; frozen.  Branches of equal elements and stiffnesses are equal where they are the same family of states.
 
-    at: the stretch of each part (one past the last: at its stop); lead: the part that does not rise, or None;
-    folds: whether the lower and the upper end are folds; low, high: N, forces between which the parts' stretches overlap;
+    at: the piece of each part (one past the last: at its stop); lead: the part that does not rise, or None;
+    folds: whether the lower and the upper end are folds; low, high: N, forces between which the parts' pieces overlap;
     loosens: whether T falls to 0 on it; lower, upper: elongations at its ends, m; taut: False if slack.
     """
 
@@ -200,7 +186,7 @@ class Branch:
             self.curve = RiseCurve(chains)
             self.lower, self.upper = self.curve.lower, self.curve.upper
         else:
-            self._rest = [part.stretches[n].inverse(0.0) for part, n in zip(memory.parts, at)]
+            self._rest = [part.monotone[n].inverse(0.0) for part, n in zip(memory.parts, at)]
             self.lower, self.upper = -math.inf, math.fsum(self._rest)
 
     def __eq__(self, other) -> bool:
@@ -228,7 +214,7 @@ class Branch:
     def energy(self, x: float) -> float:
         """Pi, J, at an elongation on the branch (m)."""
         if not self.taut:
-            return math.fsum(part.stretches[n].curve.energy(u) for part, n, u in zip(self.memory.parts, self.at, self._rest))
+            return math.fsum(part.monotone[n].curve.energy(u) for part, n, u in zip(self.memory.parts, self.at, self._rest))
         return self.curve.energy(min(max(number("x", x), self.lower), self.upper))
 
     def displacements(self, x: float) -> np.ndarray:
@@ -236,18 +222,59 @@ class Branch:
         if not self.taut:
             return np.array(self._rest)
         moving = iter(self.curve.displacements(min(max(number("x", x), self.lower), self.upper)))
-        return np.array([part.end if n == len(part.stretches) else next(moving) for part, n in zip(self.memory.parts, self.at)])
+        return np.array([part.end if n == len(part.monotone) else next(moving) for part, n in zip(self.memory.parts, self.at)])
 
     @cached_property
     def snapped(self) -> int:
         """Beams, polynomials and tables past their force maximum."""
-        stretches = [part.stretches for part in self.memory.parts]
-        return sum(s[min(n, len(s) - 1)].snapped for s, n in zip(stretches, self.at))
+        pieces = [part.monotone for part in self.memory.parts]
+        return sum(s[min(n, len(s) - 1)].snapped for s, n in zip(pieces, self.at))
+
+    def follow(self, x: float) -> Branch:
+        """The branch after a continuous way to the elongation x (m); see `follow`."""
+        return follow(self, x)[0]
 
     def elongation(self, force: float) -> float:
+        """Smallest elongation at which the element, stretched from this branch on, bears the force (N), m.
+
+        Raises InputError for a negative force and for one that the element never bears.
+        """
+        force = number("force", force)
+        if not (math.isfinite(force) and force >= 0.0):
+            raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
+        branch, passed = self, 0
+        while force > 0.0:
+            branch, passed = branch.above()[0], passed + 1
+            if branch.lead is None and branch.low <= force <= branch.high:
+                return branch.inverse(force)
+            if branch.upper == math.inf or passed > MAX_EVENTS:
+                raise InputError(f"force = {force!r} N: the element never bears it; use a smaller force")
+        return 0.0
+
+    def on_piece(self, piece: int) -> Callable[[float], float]:
+        """`force`: a branch is one piece."""
+        return self.force
+
+    def snapped_on_piece(self, piece: int) -> int:
+        """`snapped`: a branch is one piece."""
+        return self.snapped
+
+    breakpoints, uses_stiffness = (), True
+
+    @property
+    def stiffest(self) -> float:
+        """N/m: the string's own stiffness, in series with all parts."""
+        return self.memory.k
+
+    @property
+    def narrow(self) -> float:
+        """m, the shortest piece on which a part's force falls; inf: there is none."""
+        return min(part.narrow for part in self.memory.parts)
+
+    def inverse(self, force: float) -> float:
         """Where a branch on which every part rises bears a force between `low` and `high` (N), m."""
-        stretches, held = self.curve.chains[0].stretches, self.curve.chains[0].held
-        return math.fsum((held, *(one.inverse(force) for one in stretches)))
+        pieces, held = self.curve.chains[0].pieces, self.curve.chains[0].held
+        return math.fsum((held, *(one.inverse(force) for one in pieces)))
 
     def above(self) -> tuple[Branch, float]:
         """The branch that follows the upper end while x increases, and the energy lost in changing to it, J."""
@@ -276,20 +303,20 @@ class Branch:
         return self.curve.value(x)
 
 
-# -------------------------------------------------------------------------------------------- branches of given stretches
+# -------------------------------------------------------------------------------------------- branches of given pieces
 
 
 def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
-    """The stable branches on which every part is on its stretch `at`."""
-    on = [m.stretch(i, n) for i, n in enumerate(at)]
+    """The stable branches on which every part is on its piece `at`."""
+    on = [m.piece(i, n) for i, n in enumerate(at)]
     moving = [one for one in on if one is not None] + [m.spring]
     stopped = [part for part, one in zip(m.parts, on) if one is None]
     held = math.fsum(part.end for part in stopped)
-    base = math.fsum(part.stretches[-1].curve.energy(part.end) for part in stopped)
+    base = math.fsum(part.monotone[-1].curve.energy(part.end) for part in stopped)
     leads = [i for i, one in enumerate(on) if one is not None and one.sign <= 0]
     low = max(0.0, *(min(one.first, one.last) for one in moving), *(part.end_force for part in stopped))
     high = min(max(one.first, one.last) for one in moving)
-    tie = max(one.tie for one in (*moving, *(part.stretches[-1] for part in stopped)))
+    tie = max(one.tie for one in (*moving, *(part.monotone[-1] for part in stopped)))
     if len(leads) > 1 or low > high + tie or (not leads and low >= high):
         return ()
     if not leads:
@@ -358,13 +385,14 @@ def _next(branch: Branch, way: int) -> tuple[Branch, float]:
 
 
 def _ending(branch: Branch, x: float) -> list[set[int]]:
-    """For each part the ends of its stretch (-1, 1) at which it stands."""
+    """For each part the ends of its piece (-1, 1) at which it stands."""
     force, found = branch.force(x), []
-    for i, (n, u) in enumerate(zip(branch.at, branch.displacements(x))):
-        on = branch.memory.stretch(i, n)
+    pieces = [branch.memory.piece(i, n) for i, n in enumerate(branch.at)]
+    largest = max((on.tie for on in pieces if on is not None), default=0.0)  # where a part is at its stop others give the force
+    for i, (on, u) in enumerate(zip(pieces, branch.displacements(x))):
         if on is None:
-            ends, tie = ((-1, branch.memory.parts[i].end_force),), TIE * abs(force)
-        elif on.sign == 0:  # the lead on a flat stretch
+            ends, tie = ((-1, branch.memory.parts[i].end_force),), max(TIE * abs(force), largest)
+        elif on.sign == 0:  # the lead on a flat piece
             found.append({end for end, at in ((-1, on.start), (1, on.end)) if u == at})
             continue
         else:
@@ -374,12 +402,12 @@ def _ending(branch: Branch, x: float) -> list[set[int]]:
 
 
 def _shifted(at: tuple[int, ...], ending: list[set[int]], shift: list[int]) -> tuple[int, ...]:
-    """The stretches of parts that move in the directions `shift`: the next one for those that stand at that end."""
+    """The pieces of parts that move in the directions `shift`: the next one for those that stand at that end."""
     return tuple(n + d if d in ends and n + d >= 0 else n for n, ends, d in zip(at, ending, shift))
 
 
 def _moved(branch: Branch, ending: list[set[int]], lead: int | None, way: int) -> tuple[int, ...] | None:
-    """The stretches beyond an event if `lead` (or no part) does not rise there; None: there are none such."""
+    """The pieces beyond an event if `lead` (or no part) does not rise there; None: there are none such."""
     m, direction = branch.memory, way  # direction: of the force
     if lead is not None:
         after = _shifted(branch.at, ending, [way * (i == lead) for i in range(len(ending))])[lead]
@@ -390,7 +418,7 @@ def _moved(branch: Branch, ending: list[set[int]], lead: int | None, way: int) -
 
 
 def _joining(m: Memory, at: tuple[int, ...], lead: int | None, way: int, x: float) -> Branch | None:
-    """The branch of these stretches that goes on from x, or None."""
+    """The branch of these pieces that goes on from x, or None."""
     for one in m.branches(at):
         begin = one.lower if way > 0 else one.upper
         if one.lead == lead and not one.folds[way < 0] and abs(begin - x) <= SAME * abs(x) + TURNED * m.width:
@@ -404,7 +432,7 @@ def _joining(m: Memory, at: tuple[int, ...], lead: int | None, way: int, x: floa
 def _snap(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) -> tuple[Branch, float]:
     """The branch on which the flow ends that leaves the branch at x with part `lead` moving on, and the loss.
 
-    at: the stretches into which the parts move.
+    at: the pieces into which the parts move.
     """
     final = _Flow(branch.memory, x).limit(_nudged(branch, x, lead, way, at), branch.displacements(x))
     landed = _branch_at(branch.memory, x, final)
@@ -416,18 +444,18 @@ def _snap(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) ->
 def _nudged(branch: Branch, x: float, lead: int, way: int, at: tuple[int, ...]) -> np.ndarray:
     """(n,) m: a state just off the branch's at x, where it is unstable: along the lowest eigenvector of the Hessian.
 
-    The Hessian is that of the stretches `at`, a little inside them: what turns together with `lead` goes back.
+    The Hessian is that of the pieces `at`, a little inside them: what turns together with `lead` goes back.
     """
     m, u = branch.memory, branch.displacements(x)
-    falls = m.stretch(lead, at[lead]) or m.stretch(lead, branch.at[lead])
+    falls = m.piece(lead, at[lead]) or m.piece(lead, branch.at[lead])
     size = NUDGE * min(falls.end - falls.start, m.width)
     direction = np.zeros(len(u))
     direction[lead] = way
-    free = [i for i, n in enumerate(at) if m.stretch(i, n) is not None]
+    free = [i for i, n in enumerate(at) if m.piece(i, n) is not None]
     if not (branch.loosens and branch.lead is not None and way > 0):  # else it goes slack: the part moves under no force
         slopes = []
         for i in free:
-            on, room = m.stretch(i, at[i]), size
+            on, room = m.piece(i, at[i]), size
             v = u[i] + way * size if i == lead else u[i]
             slopes.append(on.curve.value(min(max(v, on.start + room), on.end - room))[1])
         vector = np.linalg.eigh(np.diag(slopes) + m.k)[1][:, 0]
@@ -532,11 +560,11 @@ def _branch_at(m: Memory, x: float, u: np.ndarray) -> Branch | None:
     """The branch whose state at x (m) is nearest to u (n,), m; None where none is near."""
     near, choices = 100.0 * ARRIVED * m.width, []
     for part, v in zip(m.parts, u):
-        fits = [n for n, on in enumerate(part.stretches) if on.start - near <= v <= on.end + near]
-        choices.append(fits + [len(part.stretches)] * int(v >= part.end - near))
+        fits = [n for n, on in enumerate(part.monotone) if on.start - near <= v <= on.end + near]
+        choices.append(fits + [len(part.monotone)] * int(v >= part.end - near))
     if math.fsum(u) >= x:
         resting = [
-            [n for n in fits if m.stretch(i, n) is not None and m.sign(i, n) > 0 and m.stretch(i, n).first <= 0.0]
+            [n for n in fits if m.piece(i, n) is not None and m.sign(i, n) > 0 and m.piece(i, n).first <= 0.0]
             for i, fits in enumerate(choices)
         ]
         found = [m.slack(at) for at in product(*resting)]

@@ -1,24 +1,20 @@
-"""Force curves as panels of polynomials, fitted to the exact laws."""
+"""Force curves as panels of polynomials, fitted to the exact laws: what the article, in its Algorithm 1, tabulates."""
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
-from ..model import NSH
-from ..model.elements import Element
-from . import elements
-from . import nsh as nsh_law
 from .curves import HeldCurve
 
 DEGREE = 11
 ACCURACY = 2e-15  # largest error of a rise's force, relative to the end force
 MAX_PANELS = 256
 POWERS = np.arange(DEGREE + 1)
+NODES = chebyshev.chebpts1(DEGREE + 1)
 
 
 class Panel(NamedTuple):
@@ -33,48 +29,38 @@ class Panel(NamedTuple):
     energy: np.ndarray
 
 
-def _panel(centre: float, half: float, reach: float, force, stiffness, stored: float) -> Panel:
+def panel(centre: float, half: float, reach: float, force, stiffness, stored: float) -> Panel:
     """stored: J at the panel's start t = -1, or at t = 0 of a panel without ends."""
     energy = half * polynomial.polyint(force)
     energy[0] += stored - (polynomial.polyval(-1.0, energy) if np.isfinite(reach) else energy[0])
     return Panel(centre, half, reach, np.asarray(force), np.asarray(stiffness), energy)
 
 
-@lru_cache(maxsize=64)
-def _nsh_panels(nsh: NSH) -> tuple[tuple[Panel, ...], ...]:
-    """Panels of the pieces 1..P."""
-    found = []
-    for number, piece in enumerate(nsh_law.curve(nsh).pieces, 1):
-        stored = float(nsh_law.energy(nsh, piece.xi_start, 0.0))
-        found.append((_snap(nsh, piece, stored),) if piece.snap else _rise(nsh, number, piece))
-    return tuple(found)
+class NoPanels(Exception):
+    """A piece that no panels cover; string: its number; start: m, where the piece begins."""
+
+    def __init__(self, start: float):
+        super().__init__(start)
+        self.start, self.string = start, -1
 
 
-def _snap(nsh: NSH, piece, stored: float) -> Panel:
-    """The leading beam's cubic (eq. 11) about its u = 0, the other beams held."""
-    Q, zeta, h = (getattr(nsh, name)[piece.lead] for name in ("Q", "zeta", "h"))
-    force = Q * np.array([0.0, 2.0 * (1.0 + zeta), -3.0 * zeta, zeta])
-    panel = _panel(piece.held, h, np.inf, force, polynomial.polyder(force) / h, 0.0)
-    panel.energy[0] += stored - polynomial.polyval((piece.xi_start - piece.held) / h, panel.energy)
-    return panel
+def panels_of(curve, start: float, end: float, stored: float, energy, largest: float) -> tuple[Panel, ...]:
+    """Panels of a curve from start to end (m): its own polynomial where it is one, else interpolants.  Raises NoPanels.
 
-
-def _rise(nsh: NSH, number: int, piece) -> tuple[Panel, ...]:
-    def values(x, which):
-        if which:
-            return np.asarray(nsh_law.stiffness(nsh, np.clip(x, piece.xi_start, piece.xi_end), 0.0))
-        return np.array([nsh_law.force_on_piece(nsh, number, e, 0.0) for e in x])
-
-    def energy(x):
-        return float(nsh_law.energy(nsh, x, 0.0))
-
-    return _interpolated(piece.xi_start, piece.xi_end, values, energy, ACCURACY * nsh_law.curve(nsh).end_force)
+    stored: J at the start; energy: J at an elongation; largest: N, what the error is small beside.
+    """
+    local = _local(curve, start, end)
+    if local is not None:
+        return (panel(start, 1.0, np.inf, local, polynomial.polyder(local), stored),)
+    if end == math.inf:
+        raise NoPanels(start)
+    return _interpolated(start, end, lambda x: np.array([curve.value(e)[:2] for e in x.tolist()]).T, energy, ACCURACY * largest)
 
 
 def _interpolated(start: float, end: float, values, energy, error: float) -> tuple[Panel, ...]:
     """Chebyshev interpolants on equal panels from start to end (m), as many as the error (N) asks for.
 
-    values: (x, 0) gives force, (x, 1) stiffness at several elongations; energy: J at one.
+    values: force and stiffness at several elongations (2, n); energy: J at one.
     """
     best, best_error = (), np.inf
     count = 4
@@ -95,60 +81,13 @@ def _fitted(start: float, end: float, values, energy, count: int) -> tuple[tuple
     panels, error = [], 0.0
     for i in range(count):
         centre = start + (2 * i + 1) * half
-
-        def scaled(t, which, centre=centre):
-            return values(centre + half * t, which)
-
-        fits = [chebyshev.cheb2poly(chebyshev.chebinterpolate(scaled, DEGREE, (which,))) for which in (0, 1)]
-        exact = values(centre + half * between, 0)
-        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - exact).max()))
-        panels.append(_panel(centre, half, 1.0, *fits, energy(centre - half)))
+        exact = values(centre + half * np.concatenate((NODES, between)))
+        fits = [
+            chebyshev.cheb2poly(chebyshev.chebinterpolate(lambda _, row=row: row, DEGREE)) for row in exact[:, : len(NODES)]
+        ]
+        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - exact[0, len(NODES) :]).max()))
+        panels.append(panel(centre, half, 1.0, *fits, energy(centre - half)))
     return tuple(panels), error
-
-
-class NoPanels(Exception):
-    """A piece that no panels cover; string: its number; start: m, where the piece begins."""
-
-    def __init__(self, start: float):
-        super().__init__(start)
-        self.start, self.string = start, -1
-
-
-def _pieces(kind: NSH | Element | None, k: float) -> list[tuple[Panel, ...]]:
-    """Panels of a string's pieces from 0 on; k: N/m."""
-    slack = _panel(0.0, 1.0, np.inf, [0.0], [0.0], 0.0)
-    if kind is None:
-        return [(slack,), (_panel(0.0, 1.0, np.inf, [0.0, k], [k], 0.0),)]
-    if isinstance(kind, NSH):
-        c = nsh_law.curve(kind)
-        end, end_force, stored = c.breakpoints[-1], c.end_force, float(nsh_law.energy(kind, c.breakpoints[-1], k))
-        return [(slack,), *_nsh_panels(kind), (_panel(end, 1.0, np.inf, [end_force, k], [k], stored),)]
-    law = elements.law(kind)
-    found = [(slack,), *_element_panels(kind)]
-    if law.end < math.inf:
-        found.append((_panel(law.end, 1.0, np.inf, [law.end_force, k], [k], law.energy(law.end)),))
-    return found
-
-
-@lru_cache(maxsize=64)
-def _element_panels(element: Element) -> tuple[tuple[Panel, ...], ...]:
-    """Panels of an element's pieces 1..P: a polynomial's own where it is one, else interpolants.  Raises NoPanels."""
-    law = elements.law(element)
-    largest = max(abs(one.last) for one in law.stretches if one.last < math.inf) if law.stretches[0].last < math.inf else 1.0
-    found = []
-    for number, piece in enumerate(law.pieces, 1):
-        stored, local = law.energy(piece.start), _local(piece.curve, piece.start, piece.end)
-        if local is not None:
-            found.append((_panel(piece.start, 1.0, np.inf, local, polynomial.polyder(local), stored),))
-        elif piece.end == math.inf:
-            raise NoPanels(piece.start)
-        else:
-
-            def values(x, which, number=number):
-                return np.array([law._value(number, float(e), 0.0)[which] for e in x])
-
-            found.append(_interpolated(piece.start, piece.end, values, law.energy, ACCURACY * largest))
-    return tuple(found)
 
 
 def _local(curve, start: float, end: float) -> np.ndarray | None:
@@ -165,7 +104,7 @@ def _local(curve, start: float, end: float) -> np.ndarray | None:
     return None
 
 
-def _table(rows: list[np.ndarray], count: int = DEGREE + 1) -> np.ndarray:
+def table(rows: list[np.ndarray], count: int = DEGREE + 1) -> np.ndarray:
     """(R, count): coefficient lists padded with zeros."""
     table = np.zeros((len(rows), count))
     for i, row in enumerate(rows):

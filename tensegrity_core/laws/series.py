@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 from ..errors import InputError
-from .curves import TIE, HeldCurve, RiseCurve, Stretch, rise
-from .exact import Law
+from .chains import RiseCurve, rise
+from .curves import HeldCurve
+from .law import Law
+from .pieces import TIE, Piece
 
 
 class Snaps:
-    """Algorithm 1: builds a series piece by piece.  u: m, of every part; at: the stretch that it is on; force: N."""
+    """Algorithm 1: builds a series piece by piece.  u: m, of every part; at: the piece that it is on; force: N."""
 
     def __init__(self, parts: list[Law]):
         self.parts = parts
@@ -18,32 +20,32 @@ class Snaps:
         self.at = [0] * len(parts)
         self.force = 0.0
         self.x = 0.0
-        self.pieces: list[Stretch] = []
-        self.stretches: list[Stretch] = []
+        self.pieces: list[Piece] = []
+        self.monotone: list[Piece] = []
 
     def law(self) -> Law:
         for i, part in enumerate(self.parts):
-            if part.stretches[0].sign <= 0:
+            if part.monotone[0].sign <= 0:
                 self._snap(i)
-        while moving := [i for i in range(len(self.parts)) if self.at[i] < len(self.parts[i].stretches)]:
-            force = min(self._stretch(i).last for i in moving)
+        while moving := [i for i in range(len(self.parts)) if self.at[i] < len(self.parts[i].monotone)]:
+            force = min(self._piece(i).last for i in moving)
             if force > self.force * (1.0 + TIE) or self.force == 0.0:  # else a tie: the next part is at its end already
                 self._rise(moving, force)
             if force == math.inf:
                 break
-            ending = [i for i in moving if self._stretch(i).last <= self.force * (1.0 + TIE)]
+            ending = [i for i in moving if self._piece(i).last <= self.force * (1.0 + TIE)]
             due = [i for i in ending if self._moves_on(i)]
             if due:  # one at a time: it may come to another maximum that ties, and has the lowest index again
                 self._snap(due[0])
-        return Law(self.pieces, self.stretches)
+        return Law(self.pieces, self.monotone)
 
-    def _stretch(self, i: int) -> Stretch:
-        return self.parts[i].stretches[self.at[i]]
+    def _piece(self, i: int) -> Piece:
+        return self.parts[i].monotone[self.at[i]]
 
     def _moves_on(self, i: int) -> bool:
-        """Part i, at the end of its stretch, goes on to the next one or to its stop unless it has to snap; whether it has."""
-        stretches, after = self.parts[i].stretches, self.at[i] + 1
-        if after < len(stretches) and stretches[after].sign <= 0:
+        """Part i, at the end of its piece, goes on to the next one or to its stop unless it has to snap; whether it has."""
+        pieces, after = self.parts[i].monotone, self.at[i] + 1
+        if after < len(pieces) and pieces[after].sign <= 0:
             return True
         self.at[i] = after
         return False
@@ -51,7 +53,7 @@ class Snaps:
     def _rise(self, moving: list[int], force: float) -> None:
         held = [i for i in range(len(self.parts)) if i not in moving]
         chains = rise(
-            [self._stretch(i) for i in moving],
+            [self._piece(i) for i in moving],
             self.force,
             force,
             math.fsum(self.u[i] for i in held),
@@ -59,23 +61,23 @@ class Snaps:
         )
         curve = RiseCurve(chains)
         snapped = sum(self._snapped(i) for i in range(len(self.parts)))
-        self._add([Stretch(curve, self.x, curve.upper, self.force, force, snapped)])
+        self._add([Piece(curve, self.x, curve.upper, self.force, force, snapped)])
         if force < math.inf:
             for i, u in zip(moving, curve.displacements(curve.upper)):
                 self.u[i] = u
         self.force = force
 
     def _snap(self, i: int) -> None:
-        """Part i goes along its own curve until it bears the force again on a rising stretch."""
-        part, first = self.parts[i], self.at[i] + (self._stretch(i).sign > 0)
+        """Part i goes along its own curve until it bears the force again on a rising piece."""
+        part, first = self.parts[i], self.at[i] + (self._piece(i).sign > 0)
         others = [j for j in range(len(self.parts)) if j != i]
         held, base = math.fsum(self.u[j] for j in others), math.fsum(self._energy(j) for j in others)
         counted = sum(self._snapped(j) for j in others)
         last = next(
             (
                 n
-                for n in range(first, len(part.stretches))
-                if part.stretches[n].sign > 0 and part.stretches[n].last >= self.force * (1.0 - TIE)
+                for n in range(first, len(part.monotone))
+                if part.monotone[n].sign > 0 and part.monotone[n].last >= self.force * (1.0 - TIE)
             ),
             None,
         )
@@ -86,31 +88,31 @@ class Snaps:
             )
         way = []
         for n in range(first, last + 1):
-            one = part.stretches[n]
+            one = part.monotone[n]
             start = self.u[i] if n == first else one.start
             end, force = (one.inverse(self.force, True), self.force) if n == last else (one.end, one.last)
             joined = one.joined and n > first
             curve = way[-1].curve if joined else HeldCurve(one.curve, held, base)
-            way.append(Stretch(curve, held + start, held + end, one.first, force, counted + one.snapped, joined))
+            way.append(Piece(curve, held + start, held + end, one.first, force, counted + one.snapped, joined))
         self.at[i], self.u[i] = last, way[-1].end - held
         self._add([one for one in way if one.end > one.start])
-        self.u[i] = part.stretches[last].inverse(self.force, True)
+        self.u[i] = part.monotone[last].inverse(self.force, True)
 
-    def _add(self, way: list[Stretch]) -> None:
-        """Add stretches, and as pieces those of one curve together."""
+    def _add(self, way: list[Piece]) -> None:
+        """Add pieces, and as pieces those of one curve together."""
         if not way or way[-1].end <= self.x:
             return
-        self.stretches += way
+        self.monotone += way
         for one in way:
             if one.joined and self.pieces and self.pieces[-1].curve is one.curve:
                 before = self.pieces.pop()
-                one = Stretch(one.curve, before.start, one.end, before.first, one.last, one.snapped, before.joined)
+                one = Piece(one.curve, before.start, one.end, before.first, one.last, one.snapped, before.joined)
             self.pieces.append(one)
         self.x = way[-1].end
 
     def _energy(self, i: int) -> float:
-        on = self.parts[i].stretches[min(self.at[i], len(self.parts[i].stretches) - 1)]
+        on = self.parts[i].monotone[min(self.at[i], len(self.parts[i].monotone) - 1)]
         return on.curve.energy(self.u[i])
 
     def _snapped(self, i: int) -> int:
-        return self.parts[i].stretches[min(self.at[i], len(self.parts[i].stretches) - 1)].snapped
+        return self.parts[i].monotone[min(self.at[i], len(self.parts[i].monotone) - 1)].snapped

@@ -1,8 +1,7 @@
 """The elastic tension of all strings at once, each on a given piece of its force curve.
 
-Pieces are numbered as in `nsh`: 0 is slack, 1 taut; an NSH goes on with the pieces of its series curve, up to the one
-where it has bottomed out, any other element without memory with those of `laws`.  On its piece a string's law is smooth,
-also beyond the piece's ends, so that Newton's method needs to know of no kink.
+Pieces are numbered as in `elements`: 0 is slack, 1 a taut spring; others go on, up to the piece beyond a stop.  On its piece
+a string's law is smooth, also beyond the piece's ends, so that Newton's method needs to know of no kink.
 
 Every piece is a row of panels, and on a panel force and stiffness are polynomials of t = -1..1.  Slack, linear, snap and
 bottomed-out pieces, polynomials and tables are polynomials anyway.  All others, as rises, are cut into panels until the
@@ -18,11 +17,10 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from ..errors import InputError
-from ..model import NSH, Model
-from ..model.elements import Element
-from . import elements
-from . import nsh as nsh_law
-from .panels import DEGREE, POWERS, NoPanels, Panel, _pieces, _table
+from ..model import Model
+from ..model.elements import Element, Spring
+from .elements import law
+from .panels import DEGREE, POWERS, NoPanels, Panel, table
 
 MOST_KNOWN = 1000  # combinations of pieces that are kept ready
 
@@ -37,9 +35,9 @@ def string_laws(model: Model) -> StringLaws:
             f"string {model.string_names[i]} has memory (law = 'hysteretic'), so its tension is no function of "
             "its elongation; let statics.settle follow it, which carries the state of such strings along"
         )
-    kinds = tuple(model.laws.get(i, model.nsh[i]) for i in range(len(model.strings)))
+    stiffness = tuple(model.stiffness.tolist())
     try:
-        return _made(kinds, tuple(model.stiffness.tolist()))
+        return _made(tuple(model.elements.get(i, Spring(k)) for i, k in enumerate(stiffness)), stiffness)
     except NoPanels as failure:
         raise InputError(
             f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
@@ -51,21 +49,21 @@ def string_laws(model: Model) -> StringLaws:
 class StringLaws:
     """Tension, stiffness and energy of strings.  Make one with `string_laws`.
 
-    kinds: per string its NSH or element, or None for a spring; stiffness: of all strings, N/m.
+    elements: what each string is made of; stiffness: of all strings, N/m.
 
     lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece;
     narrow: (S,) m, what a step of the elongation must be small beside, inf where nothing falls.
     """
 
-    def __init__(self, kinds: tuple[NSH | Element | None, ...], stiffness: tuple[float, ...]):
-        pieces, ends = [], []
-        for i, (kind, k) in enumerate(zip(kinds, stiffness)):
+    def __init__(self, elements: tuple[Element, ...], stiffness: tuple[float, ...]):
+        pieces, ends = [], [law(element).breakpoints for element in elements]
+        for i, (element, k) in enumerate(zip(elements, stiffness)):
             try:
-                pieces.append(_pieces(kind, k))
+                made = law(element, k)
+                pieces.append([made.panels(piece) for piece in range(len(made.breakpoints) + 1)])
             except NoPanels as failure:
                 failure.string = i
                 raise
-            ends.append(_breakpoints(kind))
         most = max((len(p) for p in pieces), default=0)
         shape = (len(pieces), most)
         self._known: dict[bytes, OnPieces] = {}
@@ -80,7 +78,7 @@ class StringLaws:
             self._ends[s, : len(breaks)] = breaks
             self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
             for p, row in enumerate(own):
-                key = (kinds[s], p, stiffness[s])
+                key = (elements[s], p, stiffness[s])
                 if key not in rows:
                     rows[key] = len(panels)
                     panels += row
@@ -92,10 +90,10 @@ class StringLaws:
         self._spans = np.array([[p.centre for p in panels], [p.half for p in panels], [p.reach for p in panels]])
         bends = [polynomial.polyder(p.stiffness) / p.half for p in panels]
         laws_of = [p.force for p in panels], [p.stiffness for p in panels], bends
-        self._laws = np.stack([_table(rows) for rows in laws_of], axis=1)
-        self._energy = _table([p.energy for p in panels], DEGREE + 2)
+        self._laws = np.stack([table(rows) for rows in laws_of], axis=1)
+        self._energy = table([p.energy for p in panels], DEGREE + 2)
         self.falls = self._falling()
-        self.narrow = np.array([_narrow(kind) for kind in kinds])
+        self.narrow = np.array([law(element).narrow for element in elements])
 
     def _falling(self) -> np.ndarray:
         """(S, P): whether the stiffness is negative somewhere on a piece."""
@@ -109,17 +107,17 @@ class StringLaws:
                 found[:, piece] |= inside & (self(x, np.minimum(piece, self.last))[1] < 0.0)
         return found
 
-    def piece_of(self, stretch: np.ndarray) -> np.ndarray:
+    def piece_of(self, elongation: np.ndarray) -> np.ndarray:
         """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
-        return (stretch[:, None] > self._ends).sum(axis=1)
+        return (elongation[:, None] > self._ends).sum(axis=1)
 
     def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,), (S,) m: elongations at which these pieces begin and end."""
         return self.lower.ravel()[self._all + piece], self.upper.ravel()[self._all + piece]
 
-    def __call__(self, stretch: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, elongation: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
-        row, powers, over = self._place(stretch, piece)
+        row, powers, over = self._place(elongation, piece)
         force, stiffness, bend = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
         if over.any():
             force = force + over * (stiffness + 0.5 * bend * over)
@@ -143,18 +141,18 @@ class StringLaws:
             self._known[key] = OnPieces(self, piece)
         return self._known[key]
 
-    def energy(self, stretch: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    def energy(self, elongation: np.ndarray, piece: np.ndarray) -> np.ndarray:
         """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
-        row, powers, _ = self._place(stretch, piece, DEGREE + 2)
+        row, powers, _ = self._place(elongation, piece, DEGREE + 2)
         return np.einsum("ij,ij->i", self._energy[row], powers)
 
-    def _place(self, stretch, piece, count: int = DEGREE + 1):
+    def _place(self, elongation, piece, count: int = DEGREE + 1):
         """Row of each string's panel, powers of its t there (S, count), and how far (m) it lies beyond its piece."""
         at = self._all + piece
-        row = ((stretch - self._start[at]) * self._density[at]).astype(int)
+        row = ((elongation - self._start[at]) * self._density[at]).astype(int)
         row = self._first[at] + np.minimum(np.maximum(row, 0), self._most[at])
         centre, half, reach = self._spans[:, row]
-        t = (stretch - centre) / half
+        t = (elongation - centre) / half
         inside = np.minimum(np.maximum(t, -reach), reach)
         powers = np.empty((len(row), count))
         powers[:, 0], powers[:, 1:] = 1.0, inside[:, None]
@@ -185,12 +183,12 @@ class OnPieces:
         self._laws, self._spans = laws._laws, laws._spans
         self._powers = np.ones((len(at), DEGREE + 1, 1))
 
-    def __call__(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def __call__(self, elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(S,) N, (S,) N/m at elongations (S,), m, and (C,) N/m2, the slope of the curved strings' stiffness."""
-        force = self._force + self._stiffness * stretch
+        force = self._force + self._stiffness * elongation
         if not len(self.curved):
             return force, self._stiffness, self._start
-        x = stretch[self.curved]
+        x = elongation[self.curved]
         row = ((x - self._start) * self._density).astype(int)
         row = self._first + np.minimum(np.maximum(row, 0), self._most)
         centre, half, reach = self._spans.take(row, axis=1)
@@ -213,19 +211,3 @@ class OnPieces:
 
 
 _made = lru_cache(maxsize=32)(StringLaws)
-
-
-def _narrow(kind: NSH | Element | None) -> float:
-    """m: the lowest beam of an NSH, an element's shortest stretch on which the force falls."""
-    if kind is None:
-        return np.inf
-    if isinstance(kind, NSH):
-        return min(kind.h)
-    return min((one.end - one.start for one in elements.law(kind).stretches if one.sign < 0), default=np.inf)
-
-
-def _breakpoints(kind: NSH | Element | None) -> np.ndarray:
-    """(P+1,) m, where the pieces of a string end."""
-    if kind is None:
-        return np.array([0.0])
-    return nsh_law.breakpoints(kind) if isinstance(kind, NSH) else np.array(elements.law(kind).breakpoints)

@@ -12,7 +12,7 @@ Numbers may be Python's or NumPy's, lists of them any sequence or array; they ar
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar, TypeGuard, get_args
 
 from ..fields import ELEMENTS
 from ..quantities import floats, number
@@ -116,6 +116,11 @@ Damper = Polynomial | Table
 KINDS = {one.__name__.lower(): one for one in get_args(Element)}
 if set(KINDS) != set(ELEMENTS):
     raise ValueError(f"fields.ELEMENTS has the kinds {', '.join(ELEMENTS)}, model/elements.py the classes {', '.join(KINDS)}")
+
+
+def remembers(element: Element) -> TypeGuard[Series]:
+    """Whether an element has memory."""
+    return isinstance(element, Series) and element.law == "hysteretic"
 
 
 def simplified(element: Element) -> Element:

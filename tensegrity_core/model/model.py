@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..quantities import array_of, floats, number
-from .elements import Beam, Damper, Element, Series
+from .elements import Beam, Damper, Element, Series, remembers
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,17 @@ class NSH:
         for name in ("Q", "zeta", "h"):
             object.__setattr__(self, name, floats(f"nsh.{name}", getattr(self, name)))
 
-    @property
+    @cached_property
     def element(self) -> Series:
-        """The same as an element."""
+        """The same as an element.  Raises InputError where Q, zeta and h do not have as many values."""
+        if not len(self.Q) == len(self.zeta) == len(self.h):
+            counts = ", ".join(str(len(values)) for values in (self.Q, self.zeta, self.h))
+            raise InputError(f"nsh: Q, zeta and h have {counts} values; give one value of each per beam")
         return Series(tuple(Beam(*beam) for beam in zip(self.Q, self.zeta, self.h)), self.law)
 
     @property
-    def plain(self) -> bool:
-        """Whether it has no memory and metastable beams only, which is what `nsh` is for."""
+    def metastable(self) -> bool:
+        """Whether it has no memory and beams only that return when unloaded."""
         return self.law == "single_valued" and all(2.0 < zeta < 8.0 for zeta in self.zeta)
 
 
@@ -200,24 +203,15 @@ class Model:
         return {i: nsh for i, nsh in enumerate(self.nsh) if nsh is not None}
 
     @cached_property
-    def plain_nsh_strings(self) -> tuple[int, ...]:
-        """Indices of the strings with an NSH that `nsh` can do: metastable beams without memory."""
-        return tuple(i for i, nsh in self.honeycombs.items() if nsh.plain)
-
-    @cached_property
-    def laws(self) -> dict[int, Element]:
-        """Per string without memory that is neither linear nor a plain NSH: its element."""
-        return {i: element for i, element in self._elements if not _remembers(element)}
+    def elements(self) -> dict[int, Element]:
+        """Per string that is no spring: what it is made of, in string order."""
+        made = (element if nsh is None else nsh.element for nsh, element in zip(self.nsh, self.element))
+        return {i: element for i, element in enumerate(made) if element is not None}
 
     @cached_property
     def memories(self) -> dict[int, Series]:
         """Per string with memory: its element."""
-        return {i: element for i, element in self._elements if isinstance(element, Series) and _remembers(element)}
-
-    @property
-    def _elements(self) -> list[tuple[int, Element]]:
-        elements: list[tuple[int, Element]] = [(i, nsh.element) for i, nsh in self.honeycombs.items() if not nsh.plain]
-        return elements + [(i, element) for i, element in enumerate(self.element) if element is not None]
+        return {i: element for i, element in self.elements.items() if remembers(element)}
 
     @cached_property
     def motors(self) -> dict[int, Actuator]:
@@ -261,7 +255,3 @@ class Model:
             "E": len(self.moving),
             "A": len(self.actuated),
         }
-
-
-def _remembers(element: Element) -> bool:
-    return isinstance(element, Series) and element.law == "hysteretic"

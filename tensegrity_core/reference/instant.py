@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import make_dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..laws import nsh as honeycomb
 from ..model import Inputs
 from ..model.inputs import INPUTS
 from . import motors as actuator
@@ -176,16 +174,10 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
 
 def elastic_energy(s: Structure, elongation, branches: dict | None = None) -> float:
     """Energy stored in the strings, J.  branches: string -> Branch of those with memory."""
-    k, carriers, elements = s.model.stiffness, dict(s.honeycombs), dict(s.elements)
-
-    def stored(j, x):
-        if j in carriers:
-            return honeycomb.energy(carriers[j], x, k[j])
-        if j in elements:
-            return elements[j].energy(x, k[j])
-        return branches[j].energy(x) if branches and j in branches else 0.5 * k[j] * max(x, 0.0) ** 2
-
-    return sum(stored(j, x) for j, x in enumerate(elongation.tolist()))
+    stored = [0.5 * k * max(x, 0.0) ** 2 for k, x in zip(s.model.stiffness.tolist(), elongation.tolist())]
+    for j, law in (s.laws | (branches or {})).items():
+        stored[j] = law.energy(elongation.item(j))
+    return sum(stored)
 
 
 def kinetic_energy(s: Structure, Ndot, winding=NO_WINDING) -> float:
@@ -247,15 +239,11 @@ def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict
     for j, branch in branches.items():
         lower[j], upper[j] = branch.lower, branch.upper
     taut, k = (piece > 0).astype(float), s.model.stiffness
-    curves = [(j, honeycomb.piece_force(nsh, piece.item(j), k.item(j))) for j, nsh in s.honeycombs]
-    curves += [(j, partial(law.force_on_piece, piece.item(j), k=k.item(j))) for j, law in s.elements]
-    curves += [(j, branch.force) for j, branch in branches.items()]
+    curves = tuple((j, law.on_piece(piece.item(j))) for j, law in (s.laws | branches).items())
     damper_curves = tuple((j, law.force) for j, law in s.dampers if piece[j] > 0)
     d = s.model.damping * taut
     d[[j for j, _ in s.dampers]] = 0.0
-    return Mode(
-        piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, tuple(curves), damper_curves
-    )
+    return Mode(piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, curves, damper_curves)
 
 
 def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:

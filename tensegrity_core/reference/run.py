@@ -23,10 +23,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from .. import laws
 from ..errors import InputError, SimulationError
 from ..fields import INTEGER_FIELDS, outputs
-from ..laws import nsh as honeycomb
 from ..laws.hysteresis import NoStableState, follow
 from ..model import Inputs, Model, Result, Transition
 from ..model.components import full_shape
@@ -520,7 +518,7 @@ class _Run:
         self.steps_since_row = 0
         (N, Ndot), winding = self.unpack(t, y), self.winding(y)
         motion = motion_at(s, self.load, mode, t, N, Ndot, winding)
-        strings = motion.strings
+        strings, laws = motion.strings, s.laws | mode.branches
         self.rows.append(
             dict(
                 position=N.T,
@@ -539,18 +537,9 @@ class _Run:
                 input_work=y[-3],
                 dissipated=y[-2],
                 throughput=y[-1],
-                snapped=[self._snapped(j, mode) for j in model.nsh_strings],
+                snapped=[laws[j].snapped_on_piece(mode.piece.item(j)) for j in model.nsh_strings],
             )
         )
-
-    def _snapped(self, j: int, mode: Mode) -> int:
-        """Beams past their force maximum in a string with an NSH."""
-        model = self.s.model
-        if j in mode.branches:
-            return mode.branches[j].snapped
-        if j in model.laws:
-            return laws.law(model.laws[j]).snapped_on_piece(mode.piece[j])
-        return honeycomb.snapped_on_piece(model.honeycombs[j], mode.piece[j])
 
 
 def _first_root(gap, times: np.ndarray, values: np.ndarray, level: float) -> float | None:

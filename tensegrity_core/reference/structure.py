@@ -8,8 +8,6 @@ import numpy as np
 
 from .. import laws
 from ..errors import InputError
-from ..laws import hysteresis
-from ..laws import nsh as honeycomb
 from ..model import Model
 from .equations import connectivity, levers, mass_matrix
 from .motors import Motors, motors_of
@@ -23,8 +21,8 @@ class Structure:
     C (n, S + B): [C_s^T C_b^T]; M_inv (n, n): of the free nodes, see above; J (B,), arms (B, n): see `levers`;
     C_b_M_inv (B, n): C_b M^-1; fixed (n,): 1 at fixed nodes; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other
     than 0 at the nodes `dragged`; in_plane (3, 1): 1 on the axes that the scene uses;
-    honeycombs: (string, NSH) of the strings that have one; elements: (string, Law) of those with another law without
-    memory; slack: the slack branch of each string with memory; dampers: (string, Damping) of those that are not linear;
+    laws: of the strings that are no springs, with memory as stretched from slack; slack: of those with memory, their slack
+    branches; dampers: (string, Damping) of those that are not linear;
     breakpoints: per string the ends of its pieces, m; none of a string with memory.
     """
 
@@ -44,8 +42,7 @@ class Structure:
     drag: np.ndarray
     dragged: np.ndarray
     in_plane: np.ndarray
-    honeycombs: tuple
-    elements: tuple
+    laws: dict
     slack: dict
     dampers: tuple
     breakpoints: tuple
@@ -70,13 +67,9 @@ def structure(model: Model) -> Structure:
     in_plane = np.zeros((3, 1))
     in_plane[list(model.axes)] = 1.0
     weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
-    honeycombs = tuple((j, model.honeycombs[j]) for j in model.plain_nsh_strings)
-    elements = tuple((j, laws.law(element)) for j, element in model.laws.items())
-    slack = {j: hysteresis.start(element, model.stiffness.item(j)) for j, element in model.memories.items()}
+    curved = laws.curved_laws(model)
     dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
-    ends: dict[int, tuple[float, ...]] = dict.fromkeys(range(len(model.strings)), (0.0,))
-    ends |= {j: tuple(honeycomb.breakpoints(nsh).tolist()) for j, nsh in honeycombs}
-    ends |= {j: law.breakpoints for j, law in elements} | dict.fromkeys(slack, ())
+    ends = dict.fromkeys(range(len(model.strings)), (0.0,)) | {j: law.breakpoints for j, law in curved.items()}
     return Structure(
         model,
         np.concatenate((C_s, C_b)).T.copy(),
@@ -94,9 +87,8 @@ def structure(model: Model) -> Structure:
         drag,
         np.flatnonzero(drag),
         in_plane,
-        honeycombs,
-        elements,
-        slack,
+        curved,
+        laws.slack_branches(model),
         dampers,
         tuple(ends.values()),
     )

@@ -18,7 +18,6 @@ from .. import laws
 from ..errors import SceneError, SimulationError, TensegrityError
 from ..kernel import Kernel, load_library
 from ..model import Model
-from ..model.elements import Element, Series
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -123,22 +122,10 @@ def _inertia(model: Model) -> tuple[np.ndarray, list[str]]:
 
 def _stiffest(model: Model) -> list[float]:
     """N/m, about the largest stiffness of each string."""
-    found = []
-    for i, k in enumerate(model.stiffness.tolist()):
-        element = model.honeycombs[i].element if i in model.honeycombs else model.element[i]
-        if isinstance(element, Series) and element.law == "hysteretic":
-            found.append(k)  # in series with all parts
-        elif element is not None:
-            found.append(_steepest(element))
-        else:
-            found.append(k)
+    found = model.stiffness.tolist()
+    for i, law in laws.curved_laws(model).items():
+        found[i] = law.stiffest
     return found
-
-
-def _steepest(element: Element) -> float:
-    made = laws.law(element)
-    ends = [end for one in made.stretches for end in (one.start, one.end) if end < np.inf]
-    return max(abs(made.stiffness(end or 1e-12)) for end in ends)
 
 
 def _most_damped(model: Model) -> list[float]:

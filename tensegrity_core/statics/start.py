@@ -11,7 +11,7 @@ from .. import laws
 from ..errors import InputError
 from ..laws import hysteresis
 from ..model import NSH, Actuator, Model
-from ..model.elements import Series
+from ..model.elements import remembers
 from . import simulable
 from .matrices import lengths_between
 from .prestress import prestress, require_balance, rest_lengths, two_parts
@@ -56,10 +56,7 @@ def _require_laws(scene: Scene) -> None:
     for name in scene.elements:
         try:
             element = scene.element(name)
-            if isinstance(element, Series) and element.law == "hysteretic":
-                hysteresis.start(element, 1.0)
-            else:
-                laws.part_law(element)
+            laws.element_law(element, 1.0) if remembers(element) else laws.part_law(element)
         except InputError as failure:
             raise scene.error(f"elements.{name}", *two_parts(failure)) from None
     for name in scene.dampers:
@@ -69,8 +66,8 @@ def _require_laws(scene: Scene) -> None:
             raise scene.error(f"dampers.{name}", *two_parts(failure)) from None
     for name, string in scene.strings.items():
         try:
-            if string.element is not None and scene.elements[string.element].law != "hysteretic":
-                laws.law(scene.element(string.element))
+            if string.element is not None:
+                laws.element_law(scene.element(string.element), 1.0)
         except InputError as failure:
             raise scene.error(f"strings.{name}.element", *two_parts(failure)) from None
 

@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .. import laws
-from ..laws import hysteresis
-from ..laws import nsh as nsh_law
+from ..laws import curved_laws, slack_branches, string_law
+from ..laws.hysteresis import Branch
 from ..model import Model
 
 #: Per string with memory the branch that it is on.
-Branches = dict[int, hysteresis.Branch]
+Branches = dict[int, Branch]
 
 
 def string_tension(model: Model, length: np.ndarray, branches: Branches | None = None) -> np.ndarray:
@@ -40,23 +39,13 @@ def strings_from(model: Model, branches: Branches | None) -> Callable[[np.ndarra
 
 def string_branches(model: Model, length: np.ndarray, branches: Branches | None = None) -> Branches:
     """The branches of the strings with memory at these lengths (S,), m; for `branches` see `string_tension`."""
-    return _branches(model, length - model.rest_length, branches)
-
-
-def _branches(model: Model, elongation: np.ndarray, before: Branches | None) -> Branches:
-    if before is None:
-        before = {i: hysteresis.start(element, float(model.stiffness[i])) for i, element in model.memories.items()}
-    return {i: hysteresis.follow(branch, float(elongation[i]))[0] for i, branch in before.items()}
+    before = slack_branches(model) if branches is None else branches
+    return {i: branch.follow(float(length[i] - model.rest_length[i])) for i, branch in before.items()}
 
 
 def string_elongation(model: Model, i: int, force: float) -> float:
     """Smallest elongation at which string i bears the force (N), m, stretched from slack."""
-    k = float(model.stiffness[i])
-    if i in model.memories:
-        return hysteresis.elongation(model.memories[i], k, force)
-    if i in model.laws:
-        return laws.law(model.laws[i]).elongation(force, k)
-    return nsh_law.elongation(model.honeycombs[i], force, k) if i in model.honeycombs else force / k
+    return string_law(model, i).elongation(force)
 
 
 def _tension(model: Model, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:
@@ -70,11 +59,8 @@ def _stiffness(model: Model, elongation: np.ndarray, branches: Branches | None) 
 
 
 def _with_laws(model: Model, linear: np.ndarray, what: str, elongation: np.ndarray, branches: Branches | None) -> np.ndarray:
-    """The linear strings' values, with `what` (force, stiffness or energy) of all others put in."""
-    for i in model.plain_nsh_strings:
-        linear[i] = getattr(nsh_law, what)(model.nsh[i], float(elongation[i]), float(model.stiffness[i]))
-    for i, element in model.laws.items():
-        linear[i] = getattr(laws.law(element), what)(float(elongation[i]), float(model.stiffness[i]))
-    for i, branch in _branches(model, elongation, branches).items():
-        linear[i] = getattr(branch, what)(float(elongation[i]))
+    """The springs' values, with `what` (force, stiffness or energy) of all other strings put in."""
+    for i, law in (curved_laws(model) | (branches or {})).items():
+        x = elongation.item(i)
+        linear[i] = getattr(law.follow(x), what)(x)
     return linear

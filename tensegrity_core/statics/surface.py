@@ -225,12 +225,9 @@ def is_stable(values: np.ndarray) -> bool:
 
 
 def step_limit(model: Model) -> float:
-    """m: longest way of a node in one step: small beside the structure, beside the beams of an NSH and falling stretches."""
-    beams = [h for nsh in model.honeycombs.values() for h in nsh.h]
-    made = [laws.law(element) for element in model.laws.values()]
-    made += [laws.part_law(part) for element in model.memories.values() for part in element.parts]
-    beams += [one.end - one.start for law in made for one in law.stretches if one.sign < 0]
-    return min([5e-3 * float(model.bar_length.min()), *(0.2 * h for h in beams)])
+    """m: longest way of a node in one step: small beside the structure and beside the falling pieces of force laws."""
+    narrow = min((law.narrow for law in laws.curved_laws(model).values()), default=np.inf)
+    return min(5e-3 * float(model.bar_length.min()), 0.2 * narrow)
 
 
 def _flow(values: np.ndarray, time: float) -> np.ndarray:

@@ -22,7 +22,7 @@ from benchmarks.stability import (
     spectrum,
 )
 from tensegrity_core.errors import InputError
-from tensegrity_core.laws import nsh as law
+from tensegrity_core.laws import beam as law
 from tensegrity_core.reference import equations, instant, structure
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model

@@ -15,7 +15,7 @@ from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.points import PathError
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import Kernel
-from tensegrity_core.laws import law as element_law
+from tensegrity_core.laws import element_law, string_law
 from tensegrity_core.laws.string_laws import string_laws
 from tensegrity_core.model import NSH, Model
 from tensegrity_core.model.elements import Polynomial, Series, Spring
@@ -216,19 +216,17 @@ def test_rest_length_as_the_parameter():
 
 
 def test_strings_laws_are_the_exact_ones():
-    from tensegrity_core.laws import nsh as exact
-
-    law = NSH((6.0, 8.0, 10.0), (3.0, 4.0, 5.0), (0.01, 0.01, 0.015))
-    model = one_bar(at(TILT), [[-B, 0.0, 0.0], [B, 0.0, 2.0]], [1.0, 1.0], nsh=law)
-    laws = string_laws(model)
+    nsh = NSH((6.0, 8.0, 10.0), (3.0, 4.0, 5.0), (0.01, 0.01, 0.015))
+    model = one_bar(at(TILT), [[-B, 0.0, 0.0], [B, 0.0, 2.0]], [1.0, 1.0], nsh=nsh)
+    laws, exact = string_laws(model), element_law(nsh.element, K)
     for x in np.linspace(-0.01, 0.09, 401):
-        stretch = np.array([x, x])
-        piece = laws.piece_of(stretch)
-        assert piece[0] == exact.piece_of(law, x)
-        force, stiffness = laws(stretch, piece)
-        assert force[0] == pytest.approx(exact.force(law, x, K), abs=1e-11)
-        assert stiffness[0] == pytest.approx(exact.stiffness(law, x, K), abs=1e-8)
-        assert laws.energy(stretch, piece)[0] == pytest.approx(exact.energy(law, x, K), abs=1e-13)
+        elongation = np.array([x, x])
+        piece = laws.piece_of(elongation)
+        assert piece[0] == exact.piece_of(x)
+        force, stiffness = laws(elongation, piece)
+        assert force[0] == pytest.approx(exact.force(x), abs=1e-11)
+        assert stiffness[0] == pytest.approx(exact.stiffness(x), abs=1e-8)
+        assert laws.energy(elongation, piece)[0] == pytest.approx(exact.energy(x), abs=1e-13)
 
 
 # --- the article's structures ------------------------------------------------------------------------------------------
@@ -375,15 +373,15 @@ def test_a_sweep_over_any_law_without_memory_is_what_settles(name):
 @given(st.sampled_from(("chain", "pair", "nested", "kinked", "smooth", "hardening")), st.floats(-0.01, 0.15))
 def test_elements_laws_are_the_exact_ones(name, x):
     model = mast(name)
-    exact, found = element_law(model.laws[0]), string_laws(model)
-    k, stretch = float(model.stiffness[0]), np.array([x, x])
-    piece = found.piece_of(stretch)
+    exact, found = string_law(model, 0), string_laws(model)
+    elongation = np.array([x, x])
+    piece = found.piece_of(elongation)
     assert piece[0] == exact.piece_of(x)
-    force, stiffness = found(stretch, piece)
-    assert force[0] == pytest.approx(exact.force(x, k), abs=1e-11)
-    assert stiffness[0] == pytest.approx(exact.stiffness(x, k), abs=1e-8)
-    assert found.energy(stretch, piece)[0] == pytest.approx(exact.energy(x, k), abs=1e-13)
-    quick = found.on(piece)(stretch)
+    force, stiffness = found(elongation, piece)
+    assert force[0] == pytest.approx(exact.force(x), abs=1e-11)
+    assert stiffness[0] == pytest.approx(exact.stiffness(x), abs=1e-8)
+    assert found.energy(elongation, piece)[0] == pytest.approx(exact.energy(x), abs=1e-13)
+    quick = found.on(piece)(elongation)
     assert quick[0][0] == pytest.approx(force[0], abs=1e-13) and quick[1][0] == pytest.approx(stiffness[0], abs=1e-9)
 
 

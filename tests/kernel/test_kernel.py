@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tensegrity_core import fields, kernel, reference
 from tensegrity_core.errors import InputError, SimulationError, TensegrityError
 from tensegrity_core.kernel import Kernel, to_bytes
-from tensegrity_core.laws import nsh
+from tensegrity_core.laws import law
 from tensegrity_core.model import NSH, Inputs, components, grid, held
 from tensegrity_core.model.inputs import INPUTS, starts
 from tests.support import changed, push, scene
@@ -104,13 +104,13 @@ def curve_errors(honeycomb, samples=400):
     model = dataclasses.replace(model, nsh=tuple(honeycomb if n else None for n in model.nsh))
     k, string = Kernel(model), model.nsh_strings[0]
     k.initialize()
-    np.testing.assert_allclose(k.breakpoints(string), nsh.breakpoints(honeycomb), rtol=1e-12, atol=1e-13)
-    ends = nsh.breakpoints(honeycomb)
+    made = law(honeycomb.element, model.stiffness.item(string))
+    ends = made.breakpoints
+    np.testing.assert_allclose(k.breakpoints(string), ends, rtol=1e-12, atol=1e-13)
     inside = np.concatenate([np.linspace(a, b, max(3, samples // len(ends)))[1:-1] for a, b in pairwise(ends)])
     xi = np.concatenate([[-1e-3], inside, [1.01 * ends[-1]]])
     ours = np.array([k.string_law(string, x)[:3] for x in xi])
-    stiffness = model.stiffness[string]
-    exact = [np.array([law(honeycomb, x, stiffness) for x in xi]) for law in (nsh.force, nsh.stiffness, nsh.energy)]
+    exact = [np.array([value(x) for x in xi]) for value in (made.force, made.stiffness, made.energy)]
     scale = max(4.0 * q for q in honeycomb.Q)
     return (
         np.abs(ours[:, 0] - exact[0]).max(),

@@ -223,7 +223,7 @@ def check_minimum(branch, parts, k, scale):
         assert u.sum() + tension / k == pytest.approx(x, rel=1e-12)
         slopes = []
         for part, v, n, law in zip(parts, u, branch.at, branch.memory.parts):
-            if n == len(law.stretches):
+            if n == len(law.monotone):
                 assert v == 2.0 * part.h and tension >= 4.0 * part.Q * (1.0 - 1e-9)
             else:
                 assert force_of(part, v) == pytest.approx(tension, rel=1e-6, abs=1e-9 * scale)

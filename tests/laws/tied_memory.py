@@ -84,7 +84,7 @@ def on_a_branch(element: Series, k: float, x: float, force: float) -> float:
     """How far (N) a force at x (m) is from that of the nearest stable branch of the exact law."""
     m = memory(element, k)
     found = [abs(force)] if x <= sum(part.end for part in m.parts) else []  # slack
-    for at in product(*(range(len(part.stretches) + 1) for part in m.parts)):
+    for at in product(*(range(len(part.monotone) + 1) for part in m.parts)):
         found += [abs(force - one.force(x)) for one in m.branches(at) if one.lower - 1e-8 <= x <= one.upper + 1e-8]
     return min(found)
 

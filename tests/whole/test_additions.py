@@ -46,7 +46,7 @@ COMPILED = """    case TS_ELEMENT_HARDENING:
         break;
 """
 EXACT = """def _hardening(element) -> Law:
-    return _leaf([stretch(PolynomialCurve(0.0, (0.0, element.k, 0.0, element.c), 0.0), 0.0, math.inf)])
+    return _leaf([Piece.of(PolynomialCurve(0.0, (0.0, element.k, 0.0, element.c), 0.0), 0.0, math.inf)])
 
 
 """

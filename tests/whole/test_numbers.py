@@ -11,7 +11,8 @@ from tensegrity_core.equilibria import modes, paths, steady_states
 from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import Kernel, simulate
-from tensegrity_core.laws import hysteresis, nsh
+from tensegrity_core.laws import hysteresis
+from tensegrity_core.laws.beam import beam_extrema
 from tensegrity_core.model import NSH, Actuator, grid, held
 from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
 from tensegrity_core.reference import simulate as reference
@@ -39,24 +40,24 @@ def of_laws(n, seq):
     table = Table(seq((0.0, 0.5, 1.0)), seq((0.0, 2.0, 8.0)), "cubic")
     tree = Series((Parallel(seq_of_parts := [beam, Spring(n(256.0))]), Polynomial(seq((1024.0, 0.0, 2.0))), table))
     assert len(seq_of_parts) == 2
-    made, memory = laws.law(tree), Series((beam, beam), "hysteretic")
+    made, memory = laws.law(tree, n(512.0)), Series((beam, beam), "hysteretic")
     found = [
         made.force(n(0.25)),
         made.stiffness(n(0.25)),
         made.energy(n(0.25)),
         made.elongation(n(4.0)),
-        made.force(n(3.0), n(512.0)),
+        made.force(n(3.0)),
     ]
     damper = laws.damping(Polynomial(seq((2.0, 1.0))))
-    found += [damper.force(n(-0.5)), damper.slope(n(0.5)), hysteresis.elongation(memory, n(4096.0), n(8.0))]
+    found += [damper.force(n(-0.5)), damper.slope(n(0.5)), hysteresis.start(memory, n(4096.0)).elongation(n(8.0))]
     return [*found, hysteresis.follow(hysteresis.start(memory, n(4096.0)), n(0.03125))[0].force(n(0.03125))]
 
 
 def of_nsh(n, seq):
     one = NSH(seq((6.0, 8.0)), seq((3.0, 4.0)), seq((0.0078125, 0.015625)))
-    values = [f(one, n(0.015625), n(512.0)) for f in (nsh.force, nsh.stiffness, nsh.energy)]
-    values += [nsh.elongation(one, n(10.0), n(512.0)), nsh.snapped(one, n(0.015625)), *nsh.displacements(one, n(0.015625))]
-    return [*values, nsh.beam_extrema(n(6.0), n(3.0), n(0.5)).f_max, nsh.force(one, seq((0.0, 0.015625)), n(512.0))]
+    made = laws.law(one.element, n(512.0))
+    values = [f(n(0.015625)) for f in (made.force, made.stiffness, made.energy)]
+    return [*values, made.elongation(n(10.0)), *made.breakpoints, beam_extrema(n(6.0), n(3.0), n(0.5)).f_max]
 
 
 def of_runs(n, seq):

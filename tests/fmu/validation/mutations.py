@@ -23,9 +23,10 @@ from fmu_src.validation.scenarios import Scenario
 from fmu_src.validation.sensitivity import OUTPUTS, Spread, spreads
 from fmu_src.validation.trials import trials
 from fmu_src.validation.validate import START_ERROR, TIGHT
-from tensegrity_core import kernel, laws
+from tensegrity_core import kernel
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.kernel import binding
+from tensegrity_core.laws import string_law
 from tensegrity_core.model import Model, Result
 from tensegrity_core.native import build
 from tensegrity_core.scene import builtin_scenes
@@ -89,7 +90,7 @@ def parameters(model: Model):
     """(name, model -> model with that parameter wrong by a factor) of every parameter that is not zero."""
     for name in ("stiffness", "damping", "bar_mass"):
         for i, value in enumerate(getattr(model, name)):
-            needless = name == "stiffness" and i in model.laws and laws.law(model.laws[i]).end == np.inf
+            needless = name == "stiffness" and i in model.elements and not string_law(model, i).uses_stiffness
             if value and not needless:
                 yield f"{name}[{i}]", partial(_with_one_of, name, i)
     for i in range(np.size(model.gravity)):

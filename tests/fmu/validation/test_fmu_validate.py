@@ -187,7 +187,7 @@ def test_everything_that_determines_a_run_is_in_its_key(tmp_path, monkeypatch):
     assert len(keys) == 7
 
 
-@pytest.mark.parametrize("name", ["reference/run.py", "laws/nsh.py", "model/model.py", "model/inputs.py"])
+@pytest.mark.parametrize("name", ["reference/run.py", "laws/chains.py", "model/model.py", "model/inputs.py"])
 def test_a_change_of_the_references_sources_changes_the_key(name, tmp_path):
     run = short(scene("two_bar"), 0.02)
     core = tmp_path / "tensegrity_core"
