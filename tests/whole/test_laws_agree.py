@@ -15,7 +15,7 @@ from tests.support import same_outputs
 from tests.support.element_scenes import STRINGS, mast, swaying
 
 PACKERS = {"python": pack_python_fmu, "native": pack_native_fmu}
-MEMORY = [name for name in STRINGS if mast(name).remembering]
+MEMORY = [name for name in STRINGS if mast(name).memories]
 
 
 def kinds(transitions):
