@@ -33,10 +33,10 @@ class Article:
 
     def mode(self, N: np.ndarray, Ndot: np.ndarray) -> instant.Mode:
         """The pieces that the elongations lie on."""
-        stretch = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
-        piece = (stretch > 0.0).astype(int)
-        for j, _ in self.s.honeycombs:
-            piece[j] = np.searchsorted(self.s.breakpoints[j], stretch[j])
+        elongation = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
+        piece = (elongation > 0.0).astype(int)
+        for j in self.s.laws:
+            piece[j] = np.searchsorted(self.s.breakpoints[j], elongation[j])
         key = piece.tobytes()
         if key not in self.modes:
             self.modes[key] = instant.mode_of(self.s, piece, self.slack)
@@ -51,9 +51,9 @@ class Article:
     def energy(self, y: np.ndarray) -> float:
         """Kinetic, potential and elastic, J."""
         N, Ndot = np.split(y.reshape(self.shape), 2, axis=1)
-        stretch = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
+        elongation = equations.string_motion(N, Ndot, self.s.C_s)[1] - self.load.rest_length
         kinetic = 0.5 * np.trace(Ndot @ self.s.M @ Ndot.T)
-        return kinetic - np.sum(self.s.weight * N) + instant.elastic_energy(self.s, stretch)
+        return kinetic - np.sum(self.s.weight * N) + instant.elastic_energy(self.s, elongation)
 
 
 def _measure(problem: Problem, article: Article, method: str, tolerance: float, repetitions: int, limit: float) -> Run:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 
 from benchmarks.article import equilibrium_paths
 from benchmarks.harness import machine, problems
-from benchmarks.peers import native, toolchain
+from benchmarks.peers import article, native, toolchain
 from benchmarks.peers.ladder import Ladder, Run, too_long
 from benchmarks.speed import fmu_speed, growth, method_choice, scene_costs, speed, unused_parts
 from benchmarks.work_precision import data, figures, nsh, report, targets
 from benchmarks.work_precision import run as work_precision
+from tensegrity_core import kernel
+from tensegrity_core.model import held
 from tests.support import scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -307,3 +310,13 @@ def test_data_come_back_as_they_were_saved(tmp_path):
 def test_missing_data_are_named(tmp_path):
     with pytest.raises(SystemExit, match="work_precision.json is missing"):
         work_precision.main(["--redraw", "--docs", str(tmp_path)])
+
+
+def test_the_article_s_formulation_runs_through_snaps():
+    """Over the first part of the push, in which a beam snaps, against the kernel over the same instants."""
+    problem = replace(problems.pushed("three_bar_nsh", 500.0), duration=0.5)
+    run = article._measure(problem, article.Article(problem), "DOP853", 1e-8, 1, 60.0)
+    times = np.linspace(0.0, problem.duration, problems.INSTANTS + 1)
+    exact = kernel.simulate(problem.model, held(problem.model, times, lambda t: problem.force))
+    assert len({piece for t in exact.transitions for piece in (t.before, t.after)}) > 2
+    assert np.abs(run.position - exact.position[:, :, list(problem.model.axes)]).max() < 1e-5
