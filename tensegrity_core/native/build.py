@@ -50,20 +50,24 @@ FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trappi
 
 
 class Target(NamedTuple):
-    """A platform of FMUs.  suffix: of its libraries; triple: zig's name, with the oldest C library or system that will do."""
+    """A platform of FMUs and wheels.  suffix: of its libraries; triple: zig's name, with the oldest C library or system that
+    will do; tag: the wheel's name for the same."""
 
     suffix: str
     triple: str
+    tag: str
 
 
 #: By FMI's name of the platform.
 TARGETS = {
-    "linux64": Target(".so", "x86_64-linux-gnu.2.17"),
-    "win64": Target(".dll", "x86_64-windows-gnu"),
-    "darwin64": Target(".dylib", "x86_64-macos.11.0"),
-    "aarch64-linux": Target(".so", "aarch64-linux-gnu.2.17"),
-    "aarch64-darwin": Target(".dylib", "aarch64-macos.11.0"),
+    "linux64": Target(".so", "x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64"),
+    "win64": Target(".dll", "x86_64-windows-gnu", "win_amd64"),
+    "darwin64": Target(".dylib", "x86_64-macos.11.0", "macosx_11_0_x86_64"),
+    "aarch64-linux": Target(".so", "aarch64-linux-gnu.2.17", "manylinux_2_17_aarch64"),
+    "aarch64-darwin": Target(".dylib", "aarch64-macos.11.0", "macosx_11_0_arm64"),
 }
+#: Names a key of TARGETS for which the wheel is built; unset: for this platform.  See wheels.py.
+WHEEL_FOR = "TENSEGRITY_WHEEL_FOR"
 
 #: FMI's name of the platform by (sys.platform, machine).
 HOSTS = {
@@ -194,16 +198,39 @@ class KernelHook(BuildHookInterface):
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        return [] if system_compiler() or importlib.util.find_spec("ziglang") else ["ziglang"]
+        needs_zig = os.environ.get(WHEEL_FOR) or not system_compiler()
+        return ["ziglang"] if needs_zig and not importlib.util.find_spec("ziglang") else []
 
     def initialize(self, version: str, build_data: dict) -> None:
         if self.target_name != "wheel":
+            return
+        build_data["pure_python"] = False
+        if platform := os.environ.get(WHEEL_FOR):
+            self._cross_compile(platform, build_data)
             return
         libraries = [
             compile_library(HERE),
             compile_fmu_library(RUNTIME / FMU_LIBRARY),
             compile_python_library(PYTHON_RUNTIME / PYTHON_LIBRARY),
         ]
-        build_data["pure_python"] = False
         build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["artifacts"] += [library.relative_to(Path(self.root)).as_posix() for library in libraries]
+
+    def _cross_compile(self, platform: str, build_data: dict) -> None:
+        """Libraries for another platform go into the wheel only: the tree keeps those of this one.  Raises RuntimeError."""
+        if platform not in TARGETS:
+            raise RuntimeError(f"{WHEEL_FOR} = {platform!r} is no platform; use one of {', '.join(TARGETS)}")
+        self._scratch = tempfile.TemporaryDirectory()
+        compilers = {
+            "kernel": (HERE, compile_kernel),
+            "native": (RUNTIME, compile_fmu_library),
+            "python": (PYTHON_RUNTIME, compile_python_library),
+        }
+        for kind, (folder, compiler) in compilers.items():
+            library = compiler(Path(self._scratch.name) / file_name(kind, platform), platform)
+            build_data["force_include"][str(library)] = (folder / library.name).relative_to(Path(self.root)).as_posix()
+        build_data["tag"] = f"py3-none-{TARGETS[platform].tag}"
+
+    def finalize(self, version: str, build_data: dict, artifact_path: str) -> None:
+        if hasattr(self, "_scratch"):
+            self._scratch.cleanup()
