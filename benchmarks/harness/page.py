@@ -15,10 +15,12 @@ import os
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
+import jinja2
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,13 +33,7 @@ from . import machine
 
 DOCS = machine.ROOT / "docs"
 DPI = 110
-TITLE = "# Stability: where methods fail\n"
-INTRODUCTION = """
-Every section is written by the script that it names, from its data (`data/stability_*.json`, which also say what they were
-measured on). `python -m benchmarks.stability.all` measures everything again, in one order and from one commit; with
-`--redraw` it draws figures and sections again from the stored data, as each script does for its own. Points are measured;
-what a line is, its panel says. Durations are processor time.
-"""
+BENCHMARKS = machine.ROOT / "benchmarks"
 
 #: Colours of the figures, and the marker's and the line's width in points.
 COLOURS = ("#22252e", "#d1495b", "#1b9aaa", "#edae49", "#6b705c", "#7768ae")
@@ -59,6 +55,13 @@ STYLE = {
 def new_figure(width: float, height: float) -> Figure:
     """width, height: inches.  Use inside `style()`."""
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def lettered(axes: np.ndarray) -> None:
+    """Panels called a, b, c ... in their titles, without minor ticks."""
+    for ax, letter in zip(axes.flat, "abcdefghi"):
+        ax.set_title(f"{letter}  {ax.get_title(loc='left')}")
+        ax.minorticks_off()
 
 
 def style():
@@ -109,15 +112,47 @@ def write_section(page: Path, name: str, text: str) -> None:
     """Put a study's section on the page, in place of what its markers hold, else at the end; the page's head anew."""
     begin, end = f"<!-- {name}: written by benchmarks/stability/{name}.py -->", f"<!-- end of {name} -->"
     block = f"{begin}\n{text.strip()}\n{end}\n"
-    old = page.read_text(encoding="utf-8") if page.exists() else ""
-    sections = old[old.index("<!-- ") :] if "<!-- " in old else ""
-    found = re.search(re.escape(begin) + r".*?" + re.escape(end) + r"\n", sections, re.DOTALL)
+    _, mark, rest = (page.read_text(encoding="utf-8") if page.exists() else "").partition("<!-- ")
+    before, found, after = (mark + rest).partition(begin)
     if found:
-        sections = sections[: found.start()] + block + sections[found.end() :]
+        sections = before + block + after.partition(end + "\n")[2]
     else:
-        sections = "\n\n".join(part for part in (sections.rstrip("\n"), block) if part)
+        sections = "\n\n".join(part for part in (before.rstrip("\n"), block) if part)
     page.parent.mkdir(parents=True, exist_ok=True)
-    write_text(page, TITLE + INTRODUCTION + "\n" + sections)
+    write_text(page, rendered("stability/head") + "\n" + sections)
+
+
+def shown(value, form: str = "") -> str:
+    """A number in a format, or a dash where there is none."""
+    return "–" if value is None or value != value else format(value, form)
+
+
+def rendered(name: str, /, **values) -> str:
+    """The page, or section, of the template benchmarks/NAME.md, its paragraphs filled to the width.
+
+    Templates have the filters f (see `shown`), listed, number (see `plain_number`) and span.
+    """
+    return wrapped(_templates().get_template(f"{name}.md").render(values, name=name.rpartition("/")[2])) + "\n"
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(BENCHMARKS), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"f": shown, "listed": listed, "number": plain_number, "span": span}
+    return environment
+
+
+def plain_number(value: float) -> str:
+    """Three digits, without an exponent."""
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{float(f'{value:.3g}'):.0f}"
+
+
+def span(counts: Iterable[int]) -> str:
+    """'none', or the least and the largest of some counts."""
+    low, *_, high = sorted(counts)
+    return f"{low} to {high}" if low != high else str(high or "none")
 
 
 def table(header: str | list[str], rows: Iterable[str | list[str]]) -> str:
@@ -144,17 +179,6 @@ def wrapped(text: str, width: int = 124) -> str:
 def listed(texts: list[str]) -> str:
     """'a, b and c'."""
     return " and ".join(part for part in (", ".join(texts[:-1]), *texts[-1:]) if part)
-
-
-def footer(name: str, data: dict) -> str:
-    """The last paragraph of a section: the commands, what the data were measured on, and what that took."""
-    m = data["machine"]
-    versions = f"Python {m['python']}, NumPy {m['numpy']}, SciPy {m['scipy']}"
-    return (
-        f"Command: `python -m benchmarks.stability.{name}`, to redraw only: `python -m benchmarks.stability.{name} --redraw`. "
-        f"Measured on {m['processor']}, {m['system']}, {versions}, commit {m['commit']}, {m['date']}, "
-        f"in {data['seconds']:.0f} s."
-    )
 
 
 def processor_seconds() -> float:
@@ -233,17 +257,32 @@ class Page(NamedTuple):
         self.write(**vars(command(self.about, self.options).parse_args(arguments)))
 
 
+def worst(rows: Iterable[dict], got: str, want: str = "theory") -> float:
+    """The largest relative difference of what the rows have of one from what they have of the other."""
+    return max(abs(row[got] / row[want] - 1.0) for row in rows)
+
+
+def nothing(data: dict) -> dict:
+    """What a template needs besides the data, where that is nothing."""
+    return {}
+
+
 class Study(NamedTuple):
-    """A section of docs/stability.md and its figure, written from docs/data/stability_NAME.json."""
+    """A section of docs/stability.md and its figure, written from docs/data/stability_NAME.json.
+
+    words: what the template benchmarks/stability/NAME.md needs besides the data."""
 
     about: str
     name: str
     measure: Callable[[], dict]
     draw: Callable[[dict], Figure]
-    section: Callable[[dict], str]
+    words: Callable[[dict], dict] = nothing
 
     def stored(self, docs: Path = DOCS) -> dict:
         return read_json(docs / "data" / f"stability_{self.name}.json")
+
+    def section(self, data: dict) -> str:
+        return rendered(f"stability/{self.name}", **data, **self.words(data))
 
     def redraw(self, docs: Path = DOCS) -> None:
         """Figure and section from the stored data."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tensegrity_core.model import Model
-from tensegrity_core.scene import load_scene
+from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import build_model
 
 #: Output instants after the start.
@@ -20,6 +20,16 @@ SCENES = ("two_bar", "three_bar", "six_bar")
 DAMPINGS = (50.0, 500.0, 5000.0)
 #: Force up on each top node, and aside (x) on the first of them, N.
 PUSH_UP, PUSH_ASIDE = 45.0, 20.0
+
+
+def built_in(scene: str) -> Model:
+    """The model of a built-in scene."""
+    return build_model(load_scene(scene))
+
+
+def posed(**entries) -> Model:
+    """The model of a scene with these entries."""
+    return build_model(parse_scene(entries))
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,7 @@ def push(model: Model, up: float = PUSH_UP, aside: float = PUSH_ASIDE) -> np.nda
 
 def pushed(scene: str, damping: float) -> Problem:
     """A scene of the article under an asymmetric push that starts at once, 1 s; damping: of every string, N s/m."""
-    model = build_model(load_scene(scene))
+    model = built_in(scene)
     model = replace(model, damping=np.full(len(model.strings), damping))
     title = f"{'NSH' if model.nsh_strings else 'plain'}, d = {damping:g} N s/m"
     name, figure = f"{scene}/{damping:g}", scene.removesuffix("_nsh")

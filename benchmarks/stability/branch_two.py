@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -71,19 +72,11 @@ def slope_of_log(path: Path, low: float, high: float) -> float:
 def dead_load_growth(masses=MASSES, deltas=DELTAS) -> list[dict]:
     """Growth rate off the equilibrium on branch II under the dead load f(h) = 2 Q."""
     rows = []
-    for mass in masses:
-        for delta in deltas:
-            c = case(mass, delta, load=2.0 * Q)
-            path = run(c, H + 1e-8, 12.0 * c.unit / float(growth(delta)), 600, tolerance=1e-13)
-            rows.append(
-                {
-                    "mass": mass,
-                    "delta": delta,
-                    "damping": c.damping,
-                    "rate": slope_of_log(path, 1e-6, 1e-5) * c.unit,
-                    "theory": growth(delta),
-                }
-            )
+    for mass, delta in product(masses, deltas):
+        c, theory = case(mass, delta, load=2.0 * Q), growth(delta)
+        path = run(c, H + 1e-8, 12.0 * c.unit / float(theory), 600, tolerance=1e-13)
+        rate = slope_of_log(path, 1e-6, 1e-5) * c.unit
+        rows.append({"mass": mass, "delta": delta, "damping": c.damping, "rate": rate, "theory": theory})
     return rows
 
 
@@ -103,37 +96,22 @@ def winding_growth(ratios=(0.1, 0.25, 0.5, 0.75, 0.9, 1.1, 1.25, 1.5, 2.0, 3.0),
     return rows
 
 
+def time_under(load: float, mass: float, delta: float) -> dict:
+    """Time on branch II under a dead load beyond f_max by that part of it."""
+    expected, c = snap_time(delta, load), case(mass, delta, load=(1.0 + load) * EDGE.f_max)
+    seconds = crossing(run(c, EDGE.u_max, 1.05 * expected * c.unit, 400), EDGE.u_min)
+    found = {"mass": mass, "delta": delta, "damping": c.damping, "overload": load}
+    return found | {"seconds": seconds, "time": seconds / c.unit, "theory": expected}
+
+
 def snap_times(masses=MASSES, deltas=DELTAS) -> list[dict]:
-    """Time on branch II under a dead load just beyond f_max, over mass and damping."""
-    rows = []
-    for delta in deltas:
-        expected = snap_time(delta, OVERLOAD)
-        for mass in masses:
-            c = case(mass, delta, load=(1.0 + OVERLOAD) * EDGE.f_max)
-            path = run(c, EDGE.u_max, 1.05 * expected * c.unit, 400)
-            rows.append(
-                {
-                    "mass": mass,
-                    "delta": delta,
-                    "damping": c.damping,
-                    "seconds": crossing(path, EDGE.u_min),
-                    "time": crossing(path, EDGE.u_min) / c.unit,
-                    "theory": expected,
-                }
-            )
-    return rows
+    """Over mass and damping, just beyond f_max."""
+    return [time_under(OVERLOAD, mass, delta) for delta, mass in product(deltas, masses)]
 
 
 def overloads(values=OVERLOADS, deltas=(0.0, 1.0, 10.0)) -> list[dict]:
-    """The same over the overload (F - f_max)/f_max."""
-    rows = []
-    for delta in deltas:
-        for value in values:
-            expected = snap_time(delta, value)
-            c = case(MASSES[0], delta, load=(1.0 + value) * EDGE.f_max)
-            path = run(c, EDGE.u_max, 1.05 * expected * c.unit, 400)
-            rows.append({"delta": delta, "overload": value, "time": crossing(path, EDGE.u_min) / c.unit, "theory": expected})
-    return rows
+    """Over the overload (F - f_max)/f_max."""
+    return [time_under(value, MASSES[0], delta) for delta, value in product(deltas, values)]
 
 
 def winding(ratio: float, duration: float = 60.0, steps: int = 12000) -> dict:
@@ -216,12 +194,8 @@ def step_error(s: Snap, method: str, step: float) -> dict:
 def step_errors(methods=STEPPED, deltas=STEPPED_DELTAS, steps=STEPS) -> list[dict]:
     """`step_error` over methods, damping and steps."""
     snaps = {delta: snap(delta) for delta in deltas}
-    return [
-        {"method": method, "delta": delta, "step": step, **step_error(snaps[delta], method, step)}
-        for delta in deltas
-        for method in methods
-        for step in steps
-    ]
+    cells = product(deltas, methods, steps)
+    return [{"method": m, "delta": d, "step": step, **step_error(snaps[d], m, step)} for d, m, step in cells]
 
 
 def resolving_step(method: str, delta: float, low: float = 1e-2, high: float = 3.0, factor: float = 1.04) -> float:
@@ -237,11 +211,11 @@ def resolving_step(method: str, delta: float, low: float = 1e-2, high: float = 3
 def resolving_steps(methods=STEPPED, deltas=STEPPED_DELTAS) -> list[dict]:
     """Per method and damping, with the error of u up to the landing at that step."""
     rows = []
-    for method in methods:
-        for delta in deltas:
-            step = resolving_step(method, delta)
-            landing = step_error(snap(delta), method, step)["landing"]
-            rows.append({"method": method, "delta": delta, "step": step, "landing": landing})
+    for method, delta in product(methods, deltas):
+        step = resolving_step(method, delta)
+        rows.append(
+            {"method": method, "delta": delta, "step": step, "landing": step_error(snap(delta), method, step)["landing"]}
+        )
     return rows
 
 
@@ -305,9 +279,7 @@ def draw(data: dict) -> Figure:
     _draw_winding_growth(axes[3], data["winding_growth"])
     _draw_winding(axes[4], data["winding"])
     _draw_steps(axes[5], data["errors"])
-    for ax, letter in zip(axes, "abcdef"):
-        ax.set_title(f"{letter}  {ax.get_title(loc='left')}")
-        ax.minorticks_off()
+    common.lettered(axes)
     return figure
 
 
@@ -426,56 +398,18 @@ def edge_of_rk4(delta: float) -> float:
     return edge / (-delta - float(growth(delta))) * float(growth(delta))
 
 
-# ---------------------------------------------------------------------------------------------------------------- page
+def words(data: dict) -> dict:
+    """What the page says besides its tables."""
+    constants = {"resolved": RESOLVED, "lever": LEVER, "Q": Q, "zeta": ZETA, "h": H}
+    return constants | {
+        "off_growth": 100.0 * common.worst(data["growth"], "rate"),
+        "off_time": 100.0 * common.worst(data["snap"] + data["overload"], "time"),
+        "off_winding": 100.0 * common.worst(data["winding_growth"], "rate"),
+        "labels": {name: METHODS[name].label for name in STEPPED},
+    }
 
 
-def section(data: dict) -> str:
-    def worst(rows, got="rate", want="theory"):
-        return max(abs(row[got] / row[want] - 1.0) for row in rows)
-
-    stiff, soft = data["winding"]
-    steps = [
-        [METHODS[row["method"]].label, f"{row['delta']:g}", f"{row['step']:.2g}", f"{1e3 * row['landing']:.2g}"]
-        for row in data["resolving"]
-    ]
-    beams = [
-        [f"{row['f_max']:.2f}", f"{row['kappa']:.0f}", *(f"{1e3 * x:.3g}" for x in row["scales"])] for row in data["beams"]
-    ]
-    dampings = [f"1/r at d = {d:g}, ms" for d in data["beams"][0]["dampings"]]
-    return common.wrapped(f"""
-## Negative stiffness: the snap on branch II
-
-![Branch II under force and displacement control](figures/stability_branch_two.png)
-
-Under a dead load branch II is unstable with the positive root r of m r² + d r = κ, between √(κ/m) without damping and κ/d
-with much of it (a; the kernel's rates are within {100 * worst(data["growth"]):.1g} %), and a load just beyond f_max snaps in
-a time that follows (b, c; within {100 * worst(data["snap"] + data["overload"], "time"):.1g} %); the steps that resolve it
-stand in f and the first table. Where a rest length is prescribed through a string of stiffness k_s, r changes its sign at
-k_s = κ (d; within {100 * worst(data["winding_growth"]):.1g} %): wound in slowly behind k_s = {stiff["ratio"]:g} κ the beam
-passes through branch II on its curve (e; within {stiff["off_curve"]:.2g} N, never faster than
-{stiff["fastest"] / stiff["winding_rate"]:.2g} times the winding), behind {soft["ratio"]:g} κ it snaps along the line of
-slope −k_s.
-
-The step up to which the time on branch II is within {100 * RESOLVED:g} %, in units of 1/r:
-
-{common.table(["method", "δ = d/√(mκ)", "step · r", "error of u up to the landing, mm"], steps)}
-
-With strong damping RK4's edge of stability, about 2.785 m/d, comes first. The lines in f are the error of the growth rate
-that a method gives the linearised motion about u = h (the kernel's ROS2 leaves negative stiffness out of its Jacobian): they
-give the power of the step and a scale and do not predict the points, since the snap is more than exponential growth. 1e-8 is
-how far the scene, whose mass moves on an arc of {LEVER:g} m, departs from the scalar theory. The article's beams at the
-end of a pinned bar of 1 kg (m = 1/3 kg), with the scale 1/r of their snaps:
-
-{common.table(["f_max, N", "κ, N/m", *dampings], beams)}
-
-m is the mass at the tip, κ = Q (ζ − 2)/h the largest negative stiffness; the beam measured is the article's last one
-(Q = {Q:g} N, ζ = {ZETA:g}, h = {100 * H:g} cm).
-
-{common.footer("branch_two", data)}
-""")
-
-
-STUDY = common.Study(__doc__, "branch_two", measure, draw, section)
+STUDY = common.Study(__doc__, "branch_two", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

@@ -5,19 +5,20 @@ python -m benchmarks.stability.drift [--redraw]
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.integrate import DOP853, RK45
+from scipy.interpolate import CubicSpline
 
 from benchmarks.harness import page as common
-from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP, push
+from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP, built_in, posed, push
 from tensegrity_core.model import Model
-from tensegrity_core.scene import load_scene, parse_scene
-from tensegrity_core.statics import build_model, member_forces
+from tensegrity_core.statics import member_forces
 
-from .formulations import Motion, growth_rate, problem
+from .formulations import FACTOR, Motion, growth_rate, problem
 
 #: e / l^2 at which a run counts as inaccurate, and as failed: its integration ends there.
 LIMITS = (1e-3, 1e-1)
@@ -52,6 +53,18 @@ class History(NamedTuple):
     error: np.ndarray
     theory: dict
 
+    @property
+    def worst(self) -> np.ndarray:
+        """(K,) largest |e| / l^2 of all bars."""
+        return np.abs(self.error).max(axis=1)
+
+    def thinned(self, count: int = SHOWN) -> dict:
+        """What is kept for the figure."""
+        return dict(zip(("times", "error"), common.thinned(self.times, self.worst, count)))
+
+    def times_to(self) -> list[float]:
+        return [time_to(self, limit) for limit in LIMITS]
+
 
 def integrate(motion: Motion, y0, duration: float, integrator: str, project: bool = False) -> History:
     """Integrate until the duration (s) or until some bar has failed.  project: put every accepted step back on the bars."""
@@ -81,7 +94,7 @@ def integrate(motion: Motion, y0, duration: float, integrator: str, project: boo
 
 def measured_rate(history: History) -> float:
     """1/s: slope of ln max |e| where it lies within FIT; nan where fewer than 5 steps do."""
-    worst = np.abs(history.error).max(axis=1)
+    worst = history.worst
     first = int(np.argmax(worst >= FIT[1])) if (worst >= FIT[1]).any() else len(worst)
     inside = np.flatnonzero(worst[:first] < FIT[0])
     chosen = slice(inside[-1] + 1 if len(inside) else 0, first)
@@ -92,7 +105,7 @@ def measured_rate(history: History) -> float:
 
 def time_to(history: History, limit: float) -> float:
     """s: when max |e| / l^2 first exceeds the limit (log-linear between steps); nan if it does not."""
-    worst = np.maximum(np.abs(history.error).max(axis=1), ROUND_OFF)
+    worst = np.maximum(history.worst, ROUND_OFF)
     beyond = np.flatnonzero(worst > limit)
     if not len(beyond):
         return float("nan")
@@ -111,42 +124,24 @@ def expected_time(limit: float, error: float, rate):
 # ------------------------------------------------------------------------------------------------------ the structures
 
 
-def three_bar() -> Model:
-    """The article's prism, in its settled equilibrium."""
-    return build_model(load_scene("three_bar"))
-
-
 def mast(tension: float) -> Model:
     """A leaning mast held by two guys, of which one carries this tension (N)."""
     cable = {"stiffness": 5000.0, "damping": 50.0}
-    return build_model(
-        parse_scene(
-            {
-                "name": "mast",
-                "plane": "xz",
-                "fixed": ["foot", "left", "right"],
-                "nodes": {"foot": [0.0, 0.0], "tip": [0.3, 1.1], "left": [-1.0, 0.1], "right": [1.3, -0.2]},
-                "bars": {"mast": {"nodes": ["foot", "tip"], "mass": 1.0}},
-                "strings": {"guy1": {"nodes": ["left", "tip"], **cable}, "guy2": {"nodes": ["right", "tip"], **cable}},
-                "prestress": {"tension": {"guy1": tension}},
-            }
-        )
+    return posed(
+        name="mast",
+        plane="xz",
+        fixed=["foot", "left", "right"],
+        nodes={"foot": [0.0, 0.0], "tip": [0.3, 1.1], "left": [-1.0, 0.1], "right": [1.3, -0.2]},
+        bars={"mast": {"nodes": ["foot", "tip"], "mass": 1.0}},
+        strings={"guy1": {"nodes": ["left", "tip"], **cable}, "guy2": {"nodes": ["right", "tip"], **cable}},
+        prestress={"tension": {"guy1": tension}},
     )
 
 
 def pendulum() -> Model:
     """A bar that hangs from its pin."""
-    return build_model(
-        parse_scene(
-            {
-                "name": "pendulum",
-                "plane": "xz",
-                "fixed": ["pin"],
-                "nodes": {"pin": [0.0, 0.0], "tip": [0.0, -1.0]},
-                "bars": {"bar": {"nodes": ["pin", "tip"], "mass": 1.0}},
-            }
-        )
-    )
+    bars = {"bar": {"nodes": ["pin", "tip"], "mass": 1.0}}
+    return posed(name="pendulum", plane="xz", fixed=["pin"], nodes={"pin": [0.0, 0.0], "tip": [0.0, -1.0]}, bars=bars)
 
 
 def compression(model: Model, force=None) -> np.ndarray:
@@ -177,26 +172,15 @@ def run_variant(model: Model, name: str, duration: float, force=None, error: flo
     label, form, exact, integrator, project = VARIANTS[name]
     motion = Motion(problem(model, force), form, exact)
     history = integrate(motion, motion.start(error), duration, integrator, project)
-    worst = np.abs(history.error).max(axis=1)
-    times, shown = common.thinned(history.times, worst, SHOWN)
-    row = {
-        "variant": name,
-        "label": label,
-        "times": times,
-        "error": shown,
-        "end_time": history.times[-1],
-        "end_error": worst[-1],
-        "largest": worst.max(),
-        "rate": measured_rate(history),
-        "steps": len(worst) - 1,
-        "time_to": [time_to(history, limit) for limit in LIMITS],
-    }
-    return row, history
+    times, worst = history.times, history.worst
+    ends = {"end_time": times[-1], "end_error": worst[-1], "largest": worst.max(), "steps": len(worst) - 1}
+    fits = {"rate": measured_rate(history), "time_to": history.times_to()}
+    return {"variant": name, "label": label, **history.thinned(), **ends, **fits}, history
 
 
 def settled(duration: float = 50.0) -> dict:
     """three_bar at rest: nothing moves but what round-off starts."""
-    model, rows = three_bar(), []
+    model, rows = built_in("three_bar"), []
     for name, (_, form, exact, _, project) in VARIANTS.items():
         row, _ = run_variant(model, name, duration)
         row["theory_rate"] = None if exact or project else rate_of(model, form).real
@@ -206,17 +190,16 @@ def settled(duration: float = 50.0) -> dict:
 
 def linear_drift(duration: float = 50.0, error: float = 1e-9, error_rate: float = 1e-8) -> dict:
     """three_bar at rest but for a length and a rate that are off, under the exact projector: e = e0 + e0' t."""
-    motion = Motion(problem(three_bar()), "matrix", True)
+    motion = Motion(problem(built_in("three_bar")), "matrix", True)
     history = integrate(motion, motion.start(error, error_rate), duration, "tight")
     expected = error + error_rate * history.times
     deviation = float(np.abs(history.error - expected[:, None]).max())
-    times, shown = common.thinned(history.times, np.abs(history.error).max(axis=1), 60)
-    return {"start": [error, error_rate], "times": times, "error": shown, "deviation": deviation}
+    return {"start": [error, error_rate], **history.thinned(60), "deviation": deviation}
 
 
 def pushed_runs(duration: float = 6.0, error: float = 1e-10, survivors: float = 50.0) -> dict:
     """three_bar under the push; both nominal forms from a start error, so that the theory along the motion applies."""
-    model = three_bar()
+    model = built_in("three_bar")
     force = push(model)
     along = Motion(problem(model, force), "matrix", True, with_theory=True)
     history = integrate(along, along.start(error), duration, "tight", project=True)
@@ -231,7 +214,7 @@ def pushed_runs(duration: float = 6.0, error: float = 1e-10, survivors: float = 
         row, _run = run_variant(model, name, duration if name in theory else survivors, force, begun)
         if name in theory:
             expected = History(history.times, history.theory[name], {})
-            row["theory_time_to"] = [time_to(expected, limit) for limit in LIMITS]
+            row["theory_time_to"] = expected.times_to()
         rows.append(row)
     return {"force_up": PUSH_UP, "force_aside": PUSH_ASIDE, "start": error, "theory": theory, "rows": rows}
 
@@ -240,82 +223,41 @@ def tension(load: float = 20.0, error: float = 1e-8, periods: float = 3.0) -> li
     """A hanging bar with a load at its tip: e oscillates."""
     model, rows = pendulum(), []
     force = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -load]])
-    for form in ("matrix", "pinned"):
-        omega = float(growth_rate(form, compression(model, force), model.bar_mass, model.bar_length)[0].imag)
+    pull = compression(model, force)
+    for form in FACTOR:
+        theory = float(growth_rate(form, pull, model.bar_mass, model.bar_length)[0].imag)
         motion = Motion(problem(model, force), form, False)
-        y, duration = motion.start(error), periods * 2.0 * np.pi / omega
-        history = integrate(motion, y, duration, "tight")
-        dense = common.thinned(history.times, history.error[:, 0])
-        crossings = _zero_crossings(history.times, history.error[:, 0])
-        measured = float(np.pi / np.mean(np.diff(crossings)))
-        rows.append(
-            {
-                "form": form,
-                "tension": -compression(model, force)[0],
-                "start": error,
-                "omega": measured,
-                "theory_omega": omega,
-                "times": dense[0],
-                "error": dense[1] / error,
-            }
-        )
+        history = integrate(motion, motion.start(error), periods * 2.0 * np.pi / theory, "tight")
+        times, dense = common.thinned(history.times, history.error[:, 0])
+        crossings = CubicSpline(history.times, history.error[:, 0]).roots(extrapolate=False)
+        omega = float(np.pi / np.mean(np.diff(crossings)))
+        row = {"form": form, "tension": -pull[0], "start": error, "omega": omega, "theory_omega": theory}
+        rows.append(row | {"times": times, "error": dense / error})
     return rows
 
 
-def _zero_crossings(times, values) -> np.ndarray:
-    """Times at which values change sign, by cubic interpolation through the four samples around each."""
-    found = []
-    for k in np.flatnonzero(values[1:] * values[:-1] < 0.0):
-        near = slice(max(k - 1, 0), k + 3)
-        roots = np.roots(np.polyfit(times[near] - times[k], values[near], len(times[near]) - 1))
-        inside = roots[(abs(roots.imag) < 1e-9) & (roots.real >= 0.0) & (roots.real <= times[k + 1] - times[k])].real
-        found += [times[k] + r for r in inside[:1]]
-    return np.array(found)
+def failure(model: Model, form: str, error: float, duration: float | None = None) -> dict:
+    """Growth rate and times to failure from a start error, beside the theory's; duration: s, by default what theory expects."""
+    theory = rate_of(model, form).real
+    motion = Motion(problem(model), form, False)
+    history = integrate(motion, motion.start(error), duration or 1.5 * float(expected_time(1.0, error, theory)), "tight")
+    expected = [expected_time(limit, error, theory) for limit in LIMITS]
+    found = {"form": form, "start": error, "rate": measured_rate(history), "theory_rate": theory}
+    return found | {"time_to": history.times_to(), "theory_time_to": expected}
 
 
 def against_compression(tensions=TENSIONS, error: float = 1e-10) -> list[dict]:
-    """Growth rate and time to failure of the mast over the compression of its bar."""
+    """Of the mast over the compression of its bar."""
     rows = []
-    for pull in tensions:
-        model = mast(float(pull))
-        for form in ("matrix", "pinned"):
-            theory = rate_of(model, form).real
-            motion = Motion(problem(model), form, False)
-            history = integrate(motion, motion.start(error), 1.5 * float(expected_time(1.0, error, theory)), "tight")
-            rows.append(
-                {
-                    "form": form,
-                    "compression": compression(model)[0],
-                    "mass": model.bar_mass[0],
-                    "length": model.bar_length[0],
-                    "start": error,
-                    "rate": measured_rate(history),
-                    "theory_rate": theory,
-                    "time_to": [time_to(history, limit) for limit in LIMITS],
-                    "theory_time_to": [expected_time(limit, error, theory) for limit in LIMITS],
-                }
-            )
+    for model, form in product([mast(float(pull)) for pull in tensions], FACTOR):
+        bar = {"compression": compression(model)[0], "mass": model.bar_mass[0], "length": model.bar_length[0]}
+        rows.append(bar | failure(model, form, error))
     return rows
 
 
 def against_start_error(errors=START_ERRORS) -> list[dict]:
-    """Time to failure of three_bar at rest over the relative error of |b|^2 at the start."""
-    rows, model = [], three_bar()
-    for form in ("matrix", "pinned"):
-        theory = rate_of(model, form).real
-        for error in errors:
-            motion = Motion(problem(model), form, False)
-            history = integrate(motion, motion.start(error), 20.0, "tight")
-            rows.append(
-                {
-                    "form": form,
-                    "start": error,
-                    "theory_rate": theory,
-                    "time_to": [time_to(history, limit) for limit in LIMITS],
-                    "theory_time_to": [expected_time(limit, error, theory) for limit in LIMITS],
-                }
-            )
-    return rows
+    """Of three_bar at rest over the relative error of |b|^2 at the start."""
+    return [failure(built_in("three_bar"), form, error, 20.0) for form, error in product(FACTOR, errors)]
 
 
 def measure() -> dict:
@@ -347,9 +289,7 @@ def draw(data: dict) -> Figure:
     _draw_times(axes[5], data["start_error"], "start", "start error, e(0)/l²")
     axes[4].set_title("Time to failure, leaning mast")
     axes[5].set_title("Time to failure, three_bar at rest")
-    for ax, letter in zip(axes, "abcdef"):
-        ax.set_title(f"{letter}  {ax.get_title(loc='left')}")
-        ax.minorticks_off()
+    common.lettered(axes)
     return figure
 
 
@@ -427,63 +367,14 @@ def _draw_times(ax, rows, key: str, label: str) -> None:
     ax.legend()
 
 
-# ---------------------------------------------------------------------------------------------------------------- page
+def words(data: dict) -> dict:
+    """What the page says besides its tables: rows by variant, and how far the rates are from theory, %."""
+    at_rest, when_pushed = ({row["variant"]: row for row in data[key]["rows"]} for key in ("settled", "pushed"))
+    off = 100.0 * common.worst(data["compression"], "rate", "theory_rate")
+    return {"at_rest": at_rest, "when_pushed": when_pushed, "off": off}
 
 
-def _row(data: dict, variant: str) -> dict:
-    return next(row for row in data["rows"] if row["variant"] == variant)
-
-
-def section(data: dict) -> str:
-    rest, push = data["settled"], data["pushed"]
-    printed, projected = _row(rest, "matrix"), _row(rest, "projected")
-    rates = [abs(row["rate"] / row["theory_rate"] - 1.0) for row in data["compression"]]
-    table = []
-    for row in rest["rows"]:
-        pushed_row = _row(push, row["variant"])
-        rates_of = " | ".join(_number(row[name], "3f") for name in ("theory_rate", "rate"))
-        first, second, pushed_first = (_number(time, "2f") for time in (*row["time_to"], pushed_row["time_to"][0]))
-        table.append(
-            f"{row['label']} | {rates_of} | {first} | {second} | {row['end_error']:.1e} | {pushed_first} | "
-            f"{pushed_row['largest']:.1e}"
-        )
-    header = (
-        "formulation | theory, 1/s | measured, 1/s | 1e-3 after, s | 10 % after, s | |e|/l² at the end | pushed: 1e-3 after, "
-        "s | pushed: largest |e|/l²"
-    )
-    return common.wrapped(f"""
-## Drift of the bars' lengths
-
-![Drift of the bars' lengths](figures/stability_drift.png)
-
-With the nominal l² in λ, as the article prints it, a bar under compression P is unstable in its own length: e = |b|² − l²
-obeys ë = 24 P/(m l) e, and three_bar at rest (P = {rest["compression"][0]:.2f} N) is wrong by 1e-3 after
-{printed["time_to"][0]:.2f} s from round-off alone (a: {printed["rate"]:.2f}/s measured, {printed["theory_rate"]:.2f}/s the
-eigenvalue; d: within {100 * max(rates):.1g} % over all compressions; c: in tension the same error oscillates).
-With |b|² of the state in its place the drift is linear (it stays within {data["linear"]["deviation"]:.0e} of the line
-e(0) + ė(0) t for 50 s), and with a projection after every step the error is {projected["largest"]:.0e} at rest and
-{_row(push, "projected")["largest"]:.0e} pushed.
-
-{common.table(header, table)}
-
-Runs end at 10 % or after {rest["duration"]:.0f} s (pushed: 6 s for the first and third row). The push is
-{push["force_up"]:g} N up on the top nodes and {push["force_aside"]:g} N aside on one of them; pushed, the first and third row
-start with e = {push["start"]:.0e} l², so that e
-integrated along the exact motion can be drawn over them (b: it passes 1e-3 at
-{_row(push, "matrix")["theory_time_to"][0]:.2f} s and {_row(push, "pinned")["theory_time_to"][0]:.2f} s). DOP853 is SciPy's,
-at tolerance 1e-13; ode45 stands for its pair in SciPy, RK45, with MATLAB's default tolerances (relative 1e-3, absolute 1e-6)
-and the article's step of 1 ms; both cross the transitions unlocated. e and f: the theory is linear, e(0) cosh, and start
-errors of 1e-16 are below what a coordinate can hold.
-
-{common.footer("drift", data)}
-""")
-
-
-def _number(value, digits: str) -> str:
-    return "–" if value is None or value != value else f"{value:.{digits}}"
-
-
-STUDY = common.Study(__doc__, "drift", measure, draw, section)
+STUDY = common.Study(__doc__, "drift", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

@@ -14,11 +14,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from benchmarks.harness import page as common
-from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP
+from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP, built_in
 from tensegrity_core.fields import METHODS
 from tensegrity_core.model import Model
 
-from .maps import base
 from .pushed_run import Run, deviation, run
 from .spectrum import retuned
 
@@ -39,28 +38,28 @@ class Extreme(NamedTuple):
 
 
 def _stiffer(scene: str) -> Model:
-    model = base(scene)
+    model = built_in(scene)
     return retuned(model, stiffness=1e3 * float(model.stiffness[0]))
 
 
 def _masses(scene: str, low: float, high: float) -> Model:
-    model = base(scene)
+    model = built_in(scene)
     return replace(model, bar_mass=np.geomspace(low, high, len(model.bars)))
 
 
 EXTREMES = {
-    "as it is": Extreme("three_bar as it is", lambda: base("three_bar")),
-    "d = 0": Extreme("d = 0", lambda: retuned(base("three_bar"), damping=0.0)),
-    "d = 1e5": Extreme("d = 1e5", lambda: retuned(base("three_bar"), damping=1e5)),
+    "as it is": Extreme("three_bar as it is", lambda: built_in("three_bar")),
+    "d = 0": Extreme("d = 0", lambda: retuned(built_in("three_bar"), damping=0.0)),
+    "d = 1e5": Extreme("d = 1e5", lambda: retuned(built_in("three_bar"), damping=1e5)),
     "k x 1000": Extreme("k × 1000, tensions kept", lambda: _stiffer("three_bar")),
     "k x 1000, rest": Extreme(
-        "k × 1000, rest lengths kept", lambda: replace(base("three_bar"), stiffness=1e3 * base("three_bar").stiffness)
+        "k × 1000, rest lengths kept", lambda: replace(built_in("three_bar"), stiffness=1e3 * built_in("three_bar").stiffness)
     ),
     "light bars": Extreme("bars of 1e-4, 1e-2, 1 kg", lambda: _masses("three_bar", 1e-4, 1.0)),
     "heavy bars": Extreme("bars of 1, 1e2, 1e4 kg", lambda: _masses("three_bar", 1.0, 1e4)),
     "six light bars": Extreme("six_bar, bars of 1e-4 … 1 kg", lambda: _masses("six_bar", 1e-4, 1.0)),
-    "one at rest length": Extreme("one string at its rest length", lambda: base("three_bar"), (0,)),
-    "all at rest length": Extreme("all strings at their rest lengths", lambda: base("three_bar"), tuple(range(6))),
+    "one at rest length": Extreme("one string at its rest length", lambda: built_in("three_bar"), (0,)),
+    "all at rest length": Extreme("all strings at their rest lengths", lambda: built_in("three_bar"), tuple(range(6))),
 }
 
 
@@ -81,36 +80,20 @@ def outcomes(name: str, methods=METHODS, duration: float = DURATION) -> dict:
     rows = []
     for method in methods:
         found = trial(extreme, method, duration=duration)
-        rows.append(
-            {
-                "method": method,
-                "status": found.status,
-                "time": found.time,
-                "error": deviation(found, tight),
-                "ledger": found.ledger,
-                "gain": float((found.energy - found.energy[0]).max()),
-                **{key: found.stats[key] for key in ("transitions", "steps", "rejected")},
-            }
-        )
-    return {
-        "case": name,
-        "label": extreme.label,
-        "known": deviation(tight, other),
-        "reference": [tight.status, other.status],
-        "transitions": tight.stats["transitions"],
-        "rows": rows,
-    }
+        gain, stats = float((found.energy - found.energy[0]).max()), found.stats
+        row = {"method": method, "status": found.status, "time": found.time, "error": deviation(found, tight)}
+        row |= {"ledger": found.ledger, "gain": gain}
+        rows.append(row | {key: stats[key] for key in ("transitions", "steps", "rejected")})
+    case = {"case": name, "label": extreme.label, "known": deviation(tight, other)}
+    reference = {"reference": [tight.status, other.status], "transitions": tight.stats["transitions"]}
+    return case | reference | {"rows": rows}
 
 
 def measure() -> dict:
+    cases = [outcomes(name) for name in EXTREMES]
     halved = trial(EXTREMES["as it is"], "rk4", step=0.5 * STEP)
-    return {
-        "cases": [outcomes(name) for name in EXTREMES],
-        "tolerance": TOLERANCE,
-        "step": STEP,
-        "duration": DURATION,
-        "ledger_at_half_step": halved.ledger,
-    }
+    settings = {"tolerance": TOLERANCE, "step": STEP, "duration": DURATION}
+    return {"cases": cases, **settings, "ledger_at_half_step": halved.ledger}
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -145,68 +128,20 @@ def _doubt(case: dict) -> str:
     return " *" if errors and (case["known"] is None or case["known"] > 0.1 * min(errors)) else ""
 
 
-# ---------------------------------------------------------------------------------------------------------------- page
-
-
-def section(data: dict) -> str:
-    rows = []
-    for case in data["cases"]:
-        for row in case["rows"]:
-            finished = row["status"] == "finished"
-            ended = "finished" if finished else f"`{row['status']}` at {row['time']:.3g} s"
-            error = "–" if row["error"] is None else f"{row['error']:.1e}"
-            ledger = "–" if row["ledger"] is None else f"{row['ledger']:.0e}"
-            known = "–" if case["known"] is None else f"{case['known']:.0e}"
-            counts = (str(row[name]) for name in ("transitions", "steps", "rejected"))
-            rows.append([case["label"], row["method"], ended, error, known, ledger, *counts])
+def words(data: dict) -> dict:
+    """What the page says of these data."""
     runs = [row for case in data["cases"] for row in case["rows"]]
-    stopped = [row for row in runs if row["status"] != "finished"]
-    names = ", ".join(f"`{status}`" for status in sorted({row["status"] for row in stopped}))
-    doubtful = [case["label"] for case in data["cases"] if _doubt(case)]
-    guilty = ", ".join(sorted({row["method"] for row in stopped}))
-    end = f"{len(stopped)} stop with a named error ({names}; methods: {guilty})"
-    header = ["case", "method", "ends", "error, m", "known to, m", "ledger", "transitions", "steps", "rejected"]
-    return common.wrapped(f"""
-## Extreme parameters
-
-![Errors at extreme parameters](figures/stability_extremes.png)
-
-Of {len(runs)} runs of {data["duration"]:g} s, every method on three_bar (once six_bar) with extreme damping, stiffness,
-masses and strings exactly at their rest lengths, {len(runs) - len(stopped)} finish and {end if stopped else "none stops"}. A
-finished run is not thereby a right one: the colour is its largest error against a run of `auto` at tolerance
-{REFERENCES[0][1]:g}.
-
-{common.table(header, rows)}
-
-"Known to" is the difference of that run from `rodas5p` at {REFERENCES[1][1]:g}: an error below it says
-nothing{_list(doubtful)}. The ledger is the largest gap of the energy balance, relative to the larger of 1 J and the
-energy that has passed. A force that jumps, as a damper's does where its string goes slack or taut, sets off a transient that
-fades with the fastest eigenvalue; where that is sooner than one step of rk4 or ros2, the dissipated energy is summed over
-values that miss the transient, and the energy outputs of these methods mean nothing ({_ledger_of_rk4(data)}).
-
-Methods with an error test have the tolerance {data["tolerance"]:g}, rk4 and ros2 the step {1e3 * data["step"]:g} ms. The
-push is {PUSH_UP:g} N up on the top nodes and {PUSH_ASIDE:g} N aside on one; scenes are those of the article with
-d = 500 N s/m.
-
-{common.footer("extremes", data)}
-""")
+    return {
+        "runs": runs,
+        "stopped": [row for row in runs if row["status"] != "finished"],
+        "doubtful": [case["label"] for case in data["cases"] if _doubt(case)],
+        "rk4": next(row for row in runs if row["method"] == "rk4"),
+        "references": REFERENCES,
+        "push": (PUSH_UP, PUSH_ASIDE),
+    }
 
 
-def _ledger_of_rk4(data: dict) -> str:
-    """What rk4's energy says of the first case, and what its positions say."""
-    case, step = data["cases"][0], 1e3 * data["step"]
-    row = next(row for row in case["rows"] if row["method"] == "rk4")
-    return (
-        f"{case['label']}, rk4: the ledger is off by {row['ledger']:.0e} at {step:g} ms and by "
-        f"{data['ledger_at_half_step']:.0e} at {0.5 * step:g} ms, the positions by {row['error']:.0e} m"
-    )
-
-
-def _list(labels: list[str]) -> str:
-    return f" (it exceeds a tenth of the smallest error, *, for: {'; '.join(labels)})" if labels else ""
-
-
-STUDY = common.Study(__doc__, "extremes", measure, draw, section)
+STUDY = common.Study(__doc__, "extremes", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

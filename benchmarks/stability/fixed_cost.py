@@ -8,14 +8,15 @@ never raises kinetic + potential + elastic energy less the forces' work, so what
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from benchmarks.harness import page as common
-from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP
+from benchmarks.harness.problems import PUSH_ASIDE, PUSH_UP, built_in
 
-from .maps import base
 from .pushed_run import Run, deviation, run
 from .spectrum import retuned
 
@@ -42,23 +43,15 @@ TIGHT, LESS_TIGHT = 1e-12, 1e-11
 
 def energies(scene: str, damping: float, stiffness: float, step: float = STEP, duration: float = DURATION) -> dict:
     """One run of ROS2: how it ended, its largest gain of energy, and the exact motion's largest kinetic energy (J)."""
-    model, points = retuned(base(scene), damping, stiffness), round(POINTS * duration / DURATION)
+    model, points = retuned(built_in(scene), damping, stiffness), round(POINTS * duration / DURATION)
     found = run(model, "ros2", duration, points, max_step=step)
     exact = run(model, "auto", duration, points, tolerance=1e-8)
     if exact.status != "finished":
         raise RuntimeError(f"{scene}, d = {damping:g}, k = {stiffness:g}: the exact motion stopped with {exact.status}")
-    gain = float((found.energy - found.energy[0]).max())
-    bounded = found.status == "finished" and gain <= ALLOWED * exact.kinetic.max()
-    return {
-        "damping": damping,
-        "stiffness": stiffness,
-        "step": step,
-        "status": found.status,
-        "gain": gain,
-        "exact": exact.kinetic.max(),
-        "transitions": found.stats["transitions"],
-        "bounded": bool(bounded),
-    }
+    gain, most = float((found.energy - found.energy[0]).max()), exact.kinetic.max()
+    bounded = bool(found.status == "finished" and gain <= ALLOWED * most)
+    case = {"damping": damping, "stiffness": stiffness, "step": step, "status": found.status, "gain": gain, "exact": most}
+    return case | {"transitions": found.stats["transitions"], "bounded": bounded}
 
 
 def largest_bounded_step(scene: str, damping: float, stiffness: float, steps=BOUND_STEPS) -> float:
@@ -74,68 +67,44 @@ def largest_bounded_step(scene: str, damping: float, stiffness: float, steps=BOU
 def histories(duration: float = 0.3) -> list[dict]:
     """The energy that HISTORY's case gains over time at HISTORY_STEPS."""
     scene, damping, stiffness = HISTORY
-    model, rows = retuned(base(scene), damping, stiffness), []
+    model, rows = retuned(built_in(scene), damping, stiffness), []
     exact = float(run(model, "auto", duration, 300, tolerance=1e-8).kinetic.max())
     for step in HISTORY_STEPS:
         found = run(model, "ros2", duration, 300, max_step=step)
-        times = duration / 300 * np.arange(len(found.energy))
-        rows.append(
-            {
-                "step": step,
-                "status": found.status,
-                "times": times[::3],
-                "gain": (found.energy - found.energy[0])[::3],
-                "exact": exact,
-            }
-        )
+        kept = {"times": (duration / 300 * np.arange(len(found.energy)))[::3], "gain": (found.energy - found.energy[0])[::3]}
+        rows.append({"step": step, "status": found.status, **kept, "exact": exact})
     return rows
 
 
 def references(damping: float, stiffness: float) -> tuple[Run, float]:
     """The exact motion, and how well (m) it is known."""
-    model = retuned(base(ERROR_SCENE), damping, stiffness)
+    model = retuned(built_in(ERROR_SCENE), damping, stiffness)
     tight, other = (run(model, "auto", ERROR_TIME, ERROR_POINTS, tolerance=t) for t in (TIGHT, LESS_TIGHT))
     return tight, deviation(tight, other)
 
 
 def error(reference: Run, damping: float, stiffness: float, step: float) -> float:
     """m: largest deviation of a coordinate of ROS2's run from the reference's."""
-    model = retuned(base(ERROR_SCENE), damping, stiffness)
+    model = retuned(built_in(ERROR_SCENE), damping, stiffness)
     return deviation(run(model, "ros2", ERROR_TIME, ERROR_POINTS, max_step=step), reference)
 
 
 def error_map() -> list[dict]:
     rows = []
-    for damping in (0.0, *np.geomspace(1.0, 1e5, 11)):
-        for stiffness in STIFFNESS:
-            reference, known = references(damping, stiffness)
-            rows.append(
-                {
-                    "damping": damping,
-                    "stiffness": stiffness,
-                    "known": known,
-                    "error": error(reference, damping, stiffness, STEP),
-                }
-            )
+    for damping, stiffness in product((0.0, *np.geomspace(1.0, 1e5, 11)), STIFFNESS):
+        reference, known = references(damping, stiffness)
+        case = {"damping": damping, "stiffness": stiffness, "known": known}
+        rows.append(case | {"error": error(reference, damping, stiffness, STEP)})
     return rows
 
 
 def error_over_step() -> list[dict]:
-    k, rows = float(base(ERROR_SCENE).stiffness[0]), []
+    k, rows = float(built_in(ERROR_SCENE).stiffness[0]), []
     for damping in ERROR_DAMPING:
         reference, known = references(damping, k)
         errors = [error(reference, damping, k, step) for step in ERROR_STEPS]
-        rows.append(
-            {
-                "damping": damping,
-                "stiffness": k,
-                "known": known,
-                "steps": ERROR_STEPS,
-                "errors": errors,
-                "order": order(ERROR_STEPS, errors),
-                "transitions": reference.stats["transitions"],
-            }
-        )
+        case = {"damping": damping, "stiffness": k, "known": known, "transitions": reference.stats["transitions"]}
+        rows.append(case | {"steps": ERROR_STEPS, "errors": errors, "order": order(ERROR_STEPS, errors)})
     return rows
 
 
@@ -147,19 +116,11 @@ def order(steps, errors, largest: float = 1e-3) -> float:
 
 def measure() -> dict:
     maps = [{"scene": s, "rows": [energies(s, d, k) for d in DAMPING for k in STIFFNESS]} for s in SCENES]
-    lost = [
-        {
-            "scene": one["scene"],
-            **{key: row[key] for key in ("damping", "stiffness")},
-            "step": largest_bounded_step(one["scene"], row["damping"], row["stiffness"]),
-        }
-        for one in maps
-        for row in one["rows"]
-        if not row["bounded"]
-    ]
+    lost = [(one["scene"], row["damping"], row["stiffness"]) for one in maps for row in one["rows"] if not row["bounded"]]
+    names = ("scene", "damping", "stiffness")
     return {
         "maps": maps,
-        "lost": lost,
+        "lost": [{**dict(zip(names, case)), "step": largest_bounded_step(*case)} for case in lost],
         "errors": error_map(),
         "over_step": error_over_step(),
         "histories": histories(),
@@ -184,9 +145,7 @@ def draw(data: dict) -> Figure:
     _draw_errors(figure, axes[3], data["errors"], data["step"])
     _draw_over_step(axes[4], data["over_step"])
     _draw_histories(axes[5], data)
-    for ax, letter in zip(axes, "abcdef"):
-        ax.set_title(f"{letter}  {ax.get_title(loc='left')}")
-        ax.minorticks_off()
+    common.lettered(axes)
     return figure
 
 
@@ -200,29 +159,27 @@ def _draw_gains(ax, one: dict, allowed: float):
     """The gain of every run as a colour; runs that are lost as crosses."""
     kept, lost = ([row for row in one["rows"] if row["bounded"] == bounded] for bounded in (True, False))
     ratio = [max(row["gain"] / row["exact"], SMALLEST) for row in kept]
-    drawn = ax.scatter(
-        [r["damping"] for r in kept],
-        [r["stiffness"] for r in kept],
-        c=ratio,
-        s=75,
-        marker="s",
-        norm=LogNorm(SMALLEST, allowed),
-        cmap="viridis",
-    )
+    drawn = _coloured(ax, *_columns(kept), ratio, LogNorm(SMALLEST, allowed))
     if lost:
-        ax.plot([r["damping"] for r in lost], [r["stiffness"] for r in lost], "x", ms=6, color=common.COLOURS[1], label="lost")
+        ax.plot(*_columns(lost), "x", ms=6, color=common.COLOURS[1], label="lost")
         ax.legend(loc="upper left")
     _damping_axis(ax)
     ax.set(title=f"{one['scene']}, pushed: energy gained", ylim=(50.0, 2e7))
     return drawn
 
 
+def _columns(rows, keys=("damping", "stiffness")) -> list[np.ndarray]:
+    return [common.numbers([row[key] for row in rows]) for key in keys]
+
+
+def _coloured(ax, damping, stiffness, values, norm: LogNorm):
+    return ax.scatter(damping, stiffness, c=values, s=75, marker="s", norm=norm, cmap="viridis")
+
+
 def _draw_errors(figure, ax, rows, step: float) -> None:
-    d, k, e, known = (
-        np.array([np.nan if r[key] is None else r[key] for r in rows]) for key in ("damping", "stiffness", "error", "known")
-    )
+    d, k, e, known = _columns(rows, ("damping", "stiffness", "error", "known"))
     trusted = known <= 0.1 * e
-    drawn = ax.scatter(d[trusted], k[trusted], c=e[trusted], s=75, marker="s", norm=LogNorm(1e-11, 1.0), cmap="viridis")
+    drawn = _coloured(ax, d[trusted], k[trusted], e[trusted], LogNorm(1e-11, 1.0))
     ax.plot(d[~trusted], k[~trusted], "x", color=common.COLOURS[1])
     figure.colorbar(drawn, ax=ax, label="m")
     _damping_axis(ax)
@@ -257,80 +214,24 @@ def _draw_histories(ax, data: dict) -> None:
     ax.legend(loc="upper right", bbox_to_anchor=(1.0, 0.9))
 
 
-# ---------------------------------------------------------------------------------------------------------------- page
-
-
-def _gains(data: dict) -> str:
-    """How many bounded runs gain something, and which gains most."""
-    rows = [(row["gain"] / row["exact"], one["scene"], row) for one in data["maps"] for row in one["rows"] if row["bounded"]]
-    gaining = sum(part > SMALLEST for part, _, _ in rows)
-    part, scene, row = max(rows, key=lambda item: item[0])
-    return (
-        f"{gaining} of them gain more than {SMALLEST:.0e} of the largest kinetic energy of the exact motion, the most "
-        f"{part:.2g} of it ({scene}, d = {row['damping']:g}, k = {row['stiffness']:.2g})"
-    )
-
-
-def _lost(data: dict) -> tuple[str, str]:
-    """The verdict, and what the page says of runs that are lost, if any are."""
-    total, lost = sum(len(one["rows"]) for one in data["maps"]), data["lost"]
-    if not lost:
-        return f"all {total} runs are bounded", ""
-    places = ", ".join(sorted({row["scene"] for row in lost}))
-    verdict = (
-        f"it is **not** bounded everywhere: {len(lost)} of {total} runs are lost, all in {places} at "
-        f"k ≥ {min(row['stiffness'] for row in lost):.2g} N/m"
-    )
-    rows = [
-        [
-            row["scene"],
-            f"{row['damping']:g}",
-            f"{row['stiffness']:.2g}",
-            "–" if row["step"] is None else f"{1e3 * row['step']:g}",
-        ]
-        for row in lost
-    ]
-    header = ["scene", "d, N s/m", "k, N/m", "largest bounded step, ms"]
-    meaning = (
-        f"The step in the table is the largest of {1e3 * min(BOUND_STEPS):.2g} … {1e3 * max(BOUND_STEPS):g} ms, halved "
-        "each time, up to which all are bounded."
-    )
-    return verdict, f"{common.table(header, rows)}\n\n{meaning}"
-
-
-def section(data: dict) -> str:
-    verdict, lost = _lost(data)
+def words(data: dict) -> dict:
+    """What the page says of these data."""
+    rows = [row | {"scene": one["scene"], "part": row["gain"] / row["exact"]} for one in data["maps"] for row in one["rows"]]
+    bounded = [row for row in rows if row["bounded"]]
     known = [row for row in data["errors"] if row["error"] is not None and row["known"] is not None]
     trusted = [row["error"] for row in known if row["known"] <= 0.1 * row["error"]]
-    unknown = len(data["errors"]) - len(trusted)
-    crosses = f", but for {unknown} crosses, where neighbouring motions part too fast for that" if unknown else ""
-    orders = ", ".join(
-        f"{row['order']:.2f} at d = {row['damping']:g} ({row['transitions']} transitions)" for row in data["over_step"]
-    )
-    scene, damping, stiffness = HISTORY
-    return common.wrapped(f"""
-## ROS2 at 1 ms where strings go slack and taut
-
-![ROS2's energy and error at a fixed step](figures/stability_fixed_cost.png)
-
-Linear theory bounds no step of ROS2, but a pushed scene whose strings go slack and taut is not linear, and there, at 1 ms
-for {data["duration"]:g} s, {verdict} (a to c). Its error over three_bar's map runs from {min(trusted):.0e} m to
-{max(trusted):.1g} m (d) and falls with the step at the order {orders} (e).
-
-{lost}
-
-Kinetic + potential + elastic energy less the forces' work never rises in an exact motion. A run is bounded if it finishes
-and gains at most {data["allowed"]:g} times the largest kinetic energy of the exact motion; {_gains(data)}. One of the runs,
-{scene} at d = {damping:g} N s/m and k = {stiffness:.0e} N/m, is drawn over time, at three steps (f). Lines in e are order 2
-through the point of the smallest step. Pushed: {PUSH_UP:g} N up on the top nodes, {PUSH_ASIDE:g} N aside on one; tensions
-are the equilibrium's at every k, rest lengths follow. The exact motion is the kernel's `auto` at {TIGHT:g}, known to a tenth of
-ROS2's error by a run at {LESS_TIGHT:g}{crosses}.
-
-{common.footer("fixed_cost", data)}
-""")
+    constants = {"bound_steps": BOUND_STEPS, "smallest": SMALLEST, "history": HISTORY, "push": (PUSH_UP, PUSH_ASIDE)}
+    return constants | {
+        "total": len(rows),
+        "gaining": sum(row["part"] > SMALLEST for row in bounded),
+        "most": max(bounded, key=lambda row: row["part"]),
+        "trusted": trusted,
+        "unknown": len(data["errors"]) - len(trusted),
+        "tight": (TIGHT, LESS_TIGHT),
+    }
 
 
-STUDY = common.Study(__doc__, "fixed_cost", measure, draw, section)
+STUDY = common.Study(__doc__, "fixed_cost", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from benchmarks.harness import page as common
+from benchmarks.harness.problems import built_in
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.model import Model
 from tensegrity_core.reference import instant, structure
-from tensegrity_core.scene import load_scene
-from tensegrity_core.statics import build_model
 
 from .methods import METHODS, boundary
 from .spectrum import eigenvalues, kernel_at, node_tangent, retuned
@@ -39,10 +39,6 @@ GROWTH, RUN, SPAN = 1e3, 1500, 0.1
 CHUNK = 25
 #: Factor between the ends of a bracket at which the search for the largest stable step ends.
 RESOLUTION = 1.002
-
-
-def base(scene: str) -> Model:
-    return build_model(load_scene(scene))
 
 
 def at(model: Model, parameter: str, value: float) -> Model:
@@ -111,35 +107,22 @@ def measured(model: Model, parameter: str, method: str, columns: int, rows: int,
     """A grid of stable and unstable steps, and the largest stable step at some values of the parameter."""
     values, steps = np.geomspace(*RANGE[parameter], columns), np.geomspace(*STEPS, rows)
     stable = [[is_stable(at(model, parameter, value), method, h) for h in steps] for value in values]
-    chosen = np.geomspace(*RANGE[parameter], points)
     found = []
-    for value in chosen:
+    for value in np.geomspace(*RANGE[parameter], points):
         here = at(model, parameter, value)
-        found.append(
-            {
-                "value": value,
-                "step": largest_stable_step(here, method),
-                "theory": boundary(METHODS[method].stability, eigenvalues(here)),
-            }
-        )
+        theory = boundary(METHODS[method].stability, eigenvalues(here))
+        found.append({"value": value, "step": largest_stable_step(here, method), "theory": theory})
     return {"values": values, "steps": steps, "stable": stable, "largest": found}
 
 
 def measure(columns: int = 16, rows: int = 21, points: int = 11, count: int = 81) -> dict:
     maps = []
-    for scene in SCENES:
-        model = base(scene)
-        for parameter in RANGE:
-            runs = {name: measured(model, parameter, name, columns, rows, points) for name in MEASURED}
-            maps.append(
-                {
-                    "scene": scene,
-                    "parameter": parameter,
-                    "theory": theory(model, parameter, count),
-                    "methods": runs,
-                    "held": HELD if parameter == "stiffness" else float(model.stiffness[0]),
-                }
-            )
+    for scene, parameter in product(SCENES, RANGE):
+        model = built_in(scene)
+        held = HELD if parameter == "stiffness" else float(model.stiffness[0])
+        runs = {name: measured(model, parameter, name, columns, rows, points) for name in MEASURED}
+        found = {"theory": theory(model, parameter, count), "methods": runs, "held": held}
+        maps.append({"scene": scene, "parameter": parameter, **found})
     return {"maps": maps, "run": RUN, "span": SPAN, "growth": GROWTH, "hair": HAIR}
 
 
@@ -206,19 +189,15 @@ def _legends(axes) -> None:
     axes[1, 0].legend(handles=handles, loc="lower left")
 
 
-# ---------------------------------------------------------------------------------------------------------------- page
-
-
-def _rk4_rows(maps: list[dict]) -> list[list[str]]:
-    """Rows of the page's table: the largest stable step at the decades of each parameter."""
+def decades(maps: list[dict]) -> list[dict]:
+    """RK4's largest stable steps at the decades of each parameter."""
     rows = []
     for one in maps:
         symbol, unit = SYMBOL[one["parameter"]]
         for point in one["methods"]["rk4"]["largest"]:
             decade = math.log10(point["value"])
             if abs(decade - round(decade)) < 1e-6:
-                place = f"{symbol} = 1e{round(decade)} {unit}"
-                rows.append([one["scene"], place, f"{1e3 * point['theory']:.4g}", f"{1e3 * point['step']:.4g}"])
+                rows.append({"scene": one["scene"], "place": f"{symbol} = 1e{round(decade)} {unit}", **point})
     return rows
 
 
@@ -227,46 +206,25 @@ def edges(maps: list[dict], method: str) -> int:
     return sum(int(np.isfinite(common.numbers(one["theory"]["steps"][method])).sum()) for one in maps)
 
 
-def section(data: dict) -> str:
+def words(data: dict) -> dict:
+    """What the page says of these data."""
     maps = data["maps"]
-    largest = [point for one in maps for point in one["methods"]["rk4"]["largest"]]
-    worst = max(abs(point["step"] / point["theory"] - 1.0) for point in largest)
-    grids = [np.array(one["methods"]["ros2"]["stable"], dtype=bool) for one in maps]
-    total, unstable = sum(g.size for g in grids), sum(int((~g).sum()) for g in grids)
-    verdict = "none of its runs grows" if not unstable else f"{unstable} of its runs grow"
-    spectra = sum(len(one["theory"]["values"]) for one in maps)
-    bounded = max(edges(maps, "ros2"), edges(maps, "ros2_large"))
-    edge = "on none" if not bounded else f"on {bounded}"
-    per_step, per_second = data["growth"] ** (1.0 / data["run"]) - 1.0, math.log(data["growth"]) / data["span"]
-    return common.wrapped(f"""
-## Step size against damping and stiffness
-
-![Stable and unstable steps](figures/stability_maps.png)
-
-The largest step at which RK4 holds a taut equilibrium (rings) is the one that puts an eigenvalue λ of the linearised motion
-on the edge |R(hλ)| = 1 of its stability region (line): measured within {100 * worst:.2g} % of that for both scenes, d = 1 …
-1e5 and k = 1e2 … 1e7. ROS2 has no such edge, and {verdict} on the {total} points of its maps, with steps up to
-{STEPS[1]:g} s.
-
-{common.table(["scene", "at", "theory, ms", "measured, ms"], _rk4_rows(maps))}
-
-The table is RK4's. k is the scene's while d changes, d = {HELD:g} N s/m while k changes, tensions are the equilibrium's
-throughout. A run begins {data["hair"]:g} m from the equilibrium and counts as unstable if that distance grows
-{data["growth"]:g}-fold within {data["run"]} steps or {data["span"]:g} s, whichever is longer: a disturbance that grows by
-less than {100 * per_step:.2g} % a step and more slowly than at {per_second:.0f}/s is not seen.
-
-ROS2 is the method of Verwer, Spee, Blom and Hundsdorfer, "A second-order Rosenbrock method applied to photochemical
-dispersion problems", SIAM J. Sci. Comput. 20, 1999, DOI 10.1137/S1064827597326651, with γ = 1 − 1/√2, and with γ = 1 + 1/√2
-in a step that spans more than three radians of a string's oscillation ([methods.md](methods.md)): with either it is L-stable
-(the theory gives it an edge {edge} of {spectra} spectra), also, mode by mode, with any Jacobian that has the true damping and
-at least the true stiffness, as the kernel's is meant to have. The map is of small motions about a taut equilibrium; for runs
-that go slack and taut see "ROS2 at 1 ms" below.
-
-{common.footer("maps", data)}
-""")
+    stable = np.array([one["methods"]["ros2"]["stable"] for one in maps], dtype=bool)
+    return {
+        "off": 100.0 * common.worst((point for one in maps for point in one["methods"]["rk4"]["largest"]), "step"),
+        "rk4": decades(maps),
+        "total": stable.size,
+        "unstable": int((~stable).sum()),
+        "spectra": sum(len(one["theory"]["values"]) for one in maps),
+        "bounded": max(edges(maps, "ros2"), edges(maps, "ros2_large")),
+        "per_step": 100.0 * (data["growth"] ** (1.0 / data["run"]) - 1.0),
+        "per_second": math.log(data["growth"]) / data["span"],
+        "longest": STEPS[1],
+        "held": HELD,
+    }
 
 
-STUDY = common.Study(__doc__, "maps", measure, draw, section)
+STUDY = common.Study(__doc__, "maps", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

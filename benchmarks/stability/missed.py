@@ -154,15 +154,11 @@ def measure_grazes(tools: toolchain.Tools, folder: Path) -> dict:
     for number, case in enumerate(cases):
         for name, run in contenders(case.problem, tools, folder / f"graze{number}").items():
             runs.setdefault(name, []).append([run(tolerance) for tolerance in TOLERANCES])
+    found, steps = ({name: np.array(rows)[..., i] for name, rows in runs.items()} for i in range(2))  # (graze, tolerance)
     return {
-        "depth": [c.depth for c in cases],
-        "seconds": [c.seconds for c in cases],
-        "curvature": [c.curvature for c in cases],
-        "found": {name: [[one.transitions for one in row] for row in rows] for name, rows in runs.items()},
-        "step": {
-            name: [DURATION / max(np.median([row[k].steps for row in rows]), 1) for k in range(len(TOLERANCES))]
-            for name, rows in runs.items()
-        },
+        **{name: [getattr(case, name) for case in cases] for name in ("depth", "seconds", "curvature")},
+        "found": found,
+        "step": {name: DURATION / np.maximum(np.median(rows, axis=0), 1) for name, rows in steps.items()},
     }
 
 
@@ -173,10 +169,8 @@ def measure_pushed(tools: toolchain.Tools, folder: Path) -> list[dict]:
         truth = {run_ours(problem, m, 1e-12).transitions for m in ("dop853", "radau9")}
         if len(truth) != 1:
             raise RuntimeError(f"d = {damping:g}: the reference runs disagree: {truth}")
-        counts = {
-            name: [run(tolerance).transitions for tolerance in TOLERANCES]
-            for name, run in contenders(problem, tools, folder / f"pushed{damping:g}").items()
-        }
+        known = contenders(problem, tools, folder / f"pushed{damping:g}").items()
+        counts = {name: [run(tolerance).transitions for tolerance in TOLERANCES] for name, run in known}
         rows.append({"damping": damping, "transitions": truth.pop(), "found": counts})
     return rows
 
@@ -284,75 +278,28 @@ def tally(data: dict, name: str) -> Tally:
 
 def from_on(tolerances, counts, truth: int) -> str:
     """The loosest tolerance from which on every tighter one gives the true count."""
-    good = np.array(counts) == truth
-    if not good[-1]:
-        return "never"
-    wrong = np.flatnonzero(~good)
-    return f"{tolerances[wrong[-1] + 1 if len(wrong) else 0]:.0e}"
+    wrong = np.flatnonzero(np.array(counts) != truth)
+    first = wrong[-1] + 1 if len(wrong) else 0
+    return f"{tolerances[first]:.0e}" if first < len(tolerances) else "never"
 
 
-def number(value: float, form: str = ".0e") -> str:
-    return "–" if np.isnan(value) else format(value, form)
-
-
-def section(data: dict) -> str:
-    names = list(data["grazes"]["found"])
-    tallies = {name: tally(data, name) for name in names}
+def words(data: dict) -> dict:
+    """What the page says of these data."""
+    tallies = {name: tally(data, name) for name in data["grazes"]["found"]}
     ours = [t for name, t in tallies.items() if name.startswith("ours")]
-    header = (
-        "solver | missed | too many | most transitions found | deepest missed, m | tightest tolerance of a miss that ours "
-        "finds | found, not by ours"
-    )
-    header += "".join(f" | d = {row['damping']:g}: all {row['transitions']} from" for row in data["pushed"])
-    rows = []
+    others: dict[str, Tally] = {}
     for name, t in tallies.items():
-        seen = f"{name} | {t.missed} of {t.all} | {t.too_many} | {t.most} | {number(t.deepest, '.1e')} | {number(t.tightest)}"
-        rows.append(
-            f"{seen} | {t.ahead}".split(" | ")
-            + [from_on(data["tolerances"], p["found"][name], p["transitions"]) for p in data["pushed"]]
-        )
-    others = {
-        family: max((t for name, t in tallies.items() if name.split()[0] == family), key=lambda t: t.missed)
-        for family in dict.fromkeys(name.split()[0] for name in names if not name.startswith("ours"))
+        family = name.split()[0]
+        if family != "ours" and (family not in others or t.missed > others[family].missed):
+            others[family] = t
+    reached = {
+        name: [from_on(data["tolerances"], row["found"][name], row["transitions"]) for row in data["pushed"]]
+        for name in tallies
     }
-    worst = "; ".join(
-        f"{family}'s up to {t.missed} (as deep as {number(t.deepest)} m, and still at {number(t.tightest)})"
-        for family, t in others.items()
-    )
-    depth = data["grazes"]["depth"]
-    return common.wrapped(f"""
-## Missed events
-
-![Short excursions found, missed, and found too often](figures/stability_missed.png)
-
-A string that goes slack and taut again within one step shows no change of sign at the step's ends, so event handling there
-misses excursions up to the depth a h²/8 (line; a the curvature of the elongation, h the mean step). Of the {len(depth)} grazes
-({min(depth):.0e} to {max(depth):.0e} m deep) at {len(data["tolerances"])} tolerances, {ours[0].all} are deeper than the
-tolerance: of these our methods, which also look at the stages and at turning points, miss {_span(t.missed for t in ours)} and
-find more than the two transitions in {_span(t.too_many for t in ours)}; {worst}.
-
-{common.table(header, rows)}
-
-The graze: {data["scene"]} at d = {data["damping"]:g} N s/m, pushed just beyond the force at which the first string touches
-its rest length, {data["duration"]:g} s; two transitions are right. "Ours" in the heads of the columns is auto at the same
-tolerance. An excursion less deep than the tolerance (below the dotted line) may be absent from a solver's own solution, so it
-counts for "most transitions found" only; above it a solver whose error exceeds its tolerance can still miss one for that
-reason. SciPy: solve_ivp with a terminal event per string; SUNDIALS {data["sundials"] or "(not installed)"}: root finding; both
-start anew at each transition. Right columns: the standard push of 1 s, the tolerance from which on all transitions are found.
-
-{common.footer("missed", data)}
-""")
+    return {"tallies": tallies, "ours": ours, "others": others, "from_on": reached}
 
 
-def _span(counts) -> str:
-    """'none', or the least and the largest of some counts."""
-    low, *_, high = sorted(counts)
-    if not high:
-        return "none"
-    return str(high) if low == high else f"{low} to {high}"
-
-
-STUDY = common.Study(__doc__, "missed", measure, draw, section)
+STUDY = common.Study(__doc__, "missed", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import quad, solve_ivp
+from scipy.interpolate import CubicHermiteSpline
 
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import beam as law
@@ -129,16 +130,8 @@ def run(c: Case, u0: float, duration: float, steps: int, held: float | None = No
 
 def crossing(path: Path, level: float) -> float:
     """s: when u first rises through a level (m), on the cubic that has u and its rate at both ends of a step; nan if never."""
-    beyond = np.flatnonzero(path.u >= level)
-    if not len(beyond) or beyond[0] == 0:
-        return float("nan")
-    k = beyond[0]
-    h, a, b = path.times[k] - path.times[k - 1], path.u[k - 1] - level, path.u[k] - level
-    va, vb = h * path.rate[k - 1], h * path.rate[k]
-    cubic = [2.0 * (a - b) + va + vb, 3.0 * (b - a) - 2.0 * va - vb, va, a]
-    roots = np.roots(cubic)
-    inside = roots.real[(abs(roots.imag) < 1e-9) & (roots.real > -1e-9) & (roots.real < 1.0 + 1e-9)]
-    return float(path.times[k - 1] + h * inside.min())
+    roots = CubicHermiteSpline(path.times, path.u, path.rate).solve(level, extrapolate=False)
+    return float(min(roots, default=np.nan))
 
 
 # -------------------------------------------------------------------------------------------------------------- theory

@@ -172,18 +172,10 @@ def draw_steps(axes, case: dict, located: bool) -> None:
 
 
 def draw_work(axes, case: dict) -> None:
-    for located in (True, False):
-        for curve in chosen(case, located, "tolerance"):
-            name = curve["method"]
-            axes.plot(
-                curve["rhs"],
-                common.numbers(curve["error"]),
-                MARKER[name],
-                color=COLOUR[name],
-                ms=3,
-                mfc=COLOUR[name] if located else "none",
-                mew=0.8,
-            )
+    for curve in (*chosen(case, True, "tolerance"), *chosen(case, False, "tolerance")):
+        name = curve["method"]
+        style = {"color": COLOUR[name], "ms": 3, "mfc": COLOUR[name] if curve["located"] else "none", "mew": 0.8}
+        axes.plot(curve["rhs"], common.numbers(curve["error"]), MARKER[name], **style)
     axes.set(xscale="log", yscale="log", ylim=(1e-14, 1.0), xlabel="right-hand sides, over tolerances of 1e-2 … 1e-12")
 
 
@@ -208,16 +200,9 @@ def draw(data: dict) -> Figure:
     return figure
 
 
-# ---------------------------------------------------------------------------------------------------------------- page
-
-
 def best(case: dict, located: bool) -> float:
     """The smallest error of any run with a held step, m."""
     return float(np.nanmin([np.nanmin(common.numbers(c["error"])) for c in chosen(case, located, "step")]))
-
-
-def slopes(case: dict, located: bool) -> dict[str, float]:
-    return {curve["method"]: curve["slope"] for curve in chosen(case, located, "step")}
 
 
 def work(case: dict, located: bool, error: float) -> dict[str, float]:
@@ -229,77 +214,35 @@ def work(case: dict, located: bool, error: float) -> dict[str, float]:
     return found
 
 
-def counted(case: dict, located: bool) -> tuple[int, int]:
-    """How many of the tolerance runs find every transition, and how many there are."""
-    found = [n for curve in chosen(case, located, "tolerance") for n in curve["transitions"]]
-    return sum(n == case["transitions"] for n in found), len(found)
+def with_slopes(case: dict) -> dict:
+    """The case with each method's slopes, located and across, and all that are known of those across."""
+    located, across = ({c["method"]: c["slope"] for c in chosen(case, kind, "step")} for kind in (True, False))
+    both = {method: (located[method], across[method]) for method in ORDERS}
+    return case | {"slopes": both, "across": [value for value in across.values() if value is not None]}
 
 
-def shortfall(cases: list[dict]) -> float:
-    """How far the slope of a method other than radau9 is from its order at most, located."""
-    return max(
-        abs(value - ORDERS[method])
-        for case in cases
-        for method, value in slopes(case, True).items()
-        if method != "radau9" and value is not None
-    )
-
-
-def section(data: dict) -> str:
-    jump, kink = data["cases"]
-    pairs = [(case, slopes(case, True), slopes(case, False)) for case in (jump, kink)]
-    rows = []
-    for method, order in ORDERS.items():
-        row = [method, str(order)]
-        for _, located, across in pairs:
-            row += [format_slope(located[method]), format_slope(across[method])]
-        rows.append(row)
-    header = ["method", "order"]
-    for case in (jump, kink):
-        header += [f"d = {case['damping']:g}: located", f"d = {case['damping']:g}: across"]
-    across = [s for s in pairs[0][2].values() if s is not None]
-    bent = [s for s in pairs[1][2].values() if s is not None]
-    found = counted(jump, True)
+def words(data: dict) -> dict:
+    """What the page says of these data."""
+    jump, kink = map(with_slopes, data["cases"])
     here, there = (work(jump, located, TARGET) for located in (True, False))
-    cost = [there[m] / here[m] for m in SWEPT]
-    radau = " and ".join(format_slope(located["radau9"]) for _, located, _ in pairs)
-    return common.wrapped(f"""
-## Order collapse at transitions
-
-![Error against step with and without location of the transitions](figures/stability_order.png)
-
-Where strings go slack and taut the force jumps (d > 0) or bends (d = 0), and a method that steps across falls from its own
-order to {jump["limit"]} or {kink["limit"]} (middle: slopes {min(across):.1f} to {max(across):.1f} and {min(bent):.1f} to
-{max(bent):.1f}); on the pushed {data["scene"]} at d = {jump["damping"]:g} N s/m no held step comes below
-{best(jump, False):.0e} m. Located (left), rk4, ros2, dop853 and rodas5p have slopes within {shortfall([jump, kink]):.1f} of
-their order, radau9 has {radau}, and errors fall to {best(jump, True):.0e} m.
-
-{common.table(header, rows)}
-
-A transition ends a step inside, on the dense output. That leaves the others their order, but radau9's is a polynomial wrong
-by h⁶: this method has order 9 between transitions only, and towards small steps 6 (its lines; at
-d = {jump["damping"]:g} its errors still fall faster than that).
-
-Step size control buys the accuracy back by steps that shrink onto each jump, at {min(cost):.1f} to {max(cost):.1f} times the
-right-hand sides for {TARGET:.0e} m (right; no order can be read there, since tolerances do not hold a step); located,
-{found[0]} of the {found[1]} runs with a tolerance of 1e-2 … 1e-12 find all {jump["transitions"]} transitions of
-{jump["duration"]:g} s.
-
-Slopes are those of log error on log step, by least squares over the errors below 3e-3 m (across: 0.3 m) that the reference
-can judge (dop853 at 1e-13; radau9's differs from it by {jump["doubt"]:.0e} m, at d = 0 by {kink["doubt"]:.0e} m). Steps are
-held at max_step; methods with a tolerance have one of {LOOSE:g} then, which leaves max_step in charge, and radau9, whose
-iteration a loose one would end early, where transitions are located {LOOSE:g} times the sixth power of the step over the
-largest one. Errors of runs that step across scatter, since they depend on where in a step each transition falls.
-
-{common.footer("order", data)}
-""")
+    found = [n == jump["transitions"] for curve in chosen(jump, True, "tolerance") for n in curve["transitions"]]
+    known = [(ORDERS[m], case["slopes"][m][0]) for case in (jump, kink) for m in ORDERS if m != "radau9"]
+    return {
+        "jump": jump,
+        "kink": kink,
+        "orders": ORDERS,
+        "shortfall": max(abs(slope - order) for order, slope in known if slope is not None),
+        "cost": [there[m] / here[m] for m in SWEPT],
+        "found": sum(found),
+        "runs": len(found),
+        "best_located": best(jump, True),
+        "best_across": best(jump, False),
+        "target": TARGET,
+        "loose": LOOSE,
+    }
 
 
-def format_slope(value: float | None) -> str:
-    return "–" if value is None else f"{value:.1f}"
-
-
-STUDY = common.Study(__doc__, "order", measure, draw, section)
+STUDY = common.Study(__doc__, "order", measure, draw, words)
 
 if __name__ == "__main__":
     STUDY.main()

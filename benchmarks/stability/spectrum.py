@@ -60,13 +60,18 @@ def coordinates(y: np.ndarray) -> int:
     return (len(y) - 3) // 2
 
 
+def tangent(model: Model) -> tuple[Kernel, np.ndarray, np.ndarray]:
+    """A kernel at the model's start; how its coordinates q move along `node_tangent`, (n, Q); an orthonormal basis (Q, n)."""
+    kernel = kernel_at(model)
+    q = kernel.state[: coordinates(kernel.state)]
+    states = [kernel_at(replace(model, nodes=model.nodes + field)).state for field in node_tangent(model)]
+    moved = np.array([state[: len(q)] - q for state in states])
+    return kernel, moved, np.linalg.qr(moved.T)[0]
+
+
 def eigenvalues(model: Model) -> np.ndarray:
     """(2n,) 1/s: of the motion about the model's start, which must be an equilibrium, n directions keeping the bars."""
-    kernel = kernel_at(model)
-    y = kernel.state
-    n = coordinates(y)
-    moved = [kernel_at(replace(model, nodes=model.nodes + field)).state[:n] - y[:n] for field in node_tangent(model)]
-    T = np.linalg.qr(np.array(moved).T)[0]
-    Jq, Jv, _ = kernel.jacobian(y)
+    kernel, _, T = tangent(model)
+    Jq, Jv, _ = kernel.jacobian(kernel.state)
     zero, one = np.zeros((T.shape[1],) * 2), np.eye(T.shape[1])
     return np.linalg.eigvals(np.block([[zero, one], [T.T @ Jq @ T, T.T @ Jv @ T]]))

@@ -265,7 +265,7 @@ def test_far_beyond_its_boundary_a_step_ends_in_an_answer():
     """Not in a crash, so it runs in a process of its own; the map's corner at d = 1e4, 45 times the stable step."""
     code = (
         "from benchmarks.stability import maps\n"
-        "model = maps.at(maps.base('three_bar'), 'damping', 1e4)\n"
+        "model = maps.at(maps.built_in('three_bar'), 'damping', 1e4)\n"
         "print([maps.is_stable(model, 'rk4', h) for h in (3.1622776601683794e-3, 0.1)])"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
@@ -560,7 +560,7 @@ def test_the_page_says_what_the_data_say(name, tmp_path):
     page = ROOT / "docs" / "stability.md"
     copy = tmp_path / "stability.md"
     copy.write_text(page.read_text(encoding="utf-8"), encoding="utf-8")
-    common.write_section(copy, name, STUDIES[name].section(stored(name)))
+    common.write_section(copy, name, STUDIES[name].STUDY.section(stored(name)))
     assert copy.read_text(encoding="utf-8") == page.read_text(encoding="utf-8")
 
 

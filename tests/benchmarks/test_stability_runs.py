@@ -240,6 +240,6 @@ def test_the_missed_events_data_can_be_measured_again(grazing):
 def test_the_section_comes_from_the_stored_data(name, study, tmp_path):
     data = stored(name)
     study.STUDY.write(data, tmp_path)
-    assert study.section(data).strip() in (tmp_path / "stability.md").read_text(encoding="utf-8")
-    assert study.section(data).strip() in (common.DOCS / "stability.md").read_text(encoding="utf-8")
+    assert study.STUDY.section(data).strip() in (tmp_path / "stability.md").read_text(encoding="utf-8")
+    assert study.STUDY.section(data).strip() in (common.DOCS / "stability.md").read_text(encoding="utf-8")
     same_picture(tmp_path / "figures" / f"stability_{name}.png", common.DOCS / "figures" / f"stability_{name}.png")
