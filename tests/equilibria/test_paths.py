@@ -19,7 +19,7 @@ from tensegrity_core.laws import element_law, string_law
 from tensegrity_core.laws.string_laws import string_laws
 from tensegrity_core.model import NSH, Model
 from tensegrity_core.model.elements import Polynomial, Series, Spring
-from tests.support import changed, push, scene
+from tests.support import by_hand, changed, push, scene
 from tests.support.driven_scenes import LABORATORY, built
 from tests.support.element_scenes import STRINGS, mast
 
@@ -30,27 +30,18 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def one_bar(tip, anchors, rest_length, gravity=0.0, nsh=None, stiffness=K, damping=20.0) -> Model:
     """A bar pinned at the origin of the plane x-z with strings from anchors to its tip."""
-    nodes = np.array([[0.0, 0.0, 0.0], tip, *anchors])
     count = len(anchors)
-    return Model(
-        name="one_bar",
-        description="",
+    return by_hand(
+        [[0.0, 0.0, 0.0], tip, *anchors],
+        [0, *range(2, 2 + count)],
+        [[0, 1]],
+        [[2 + i, 1] for i in range(count)],
         axes=(0, 2),
-        node_names=tuple(f"n{i + 1}" for i in range(len(nodes))),
-        bar_names=("b1",),
-        string_names=tuple(f"s{i + 1}" for i in range(count)),
-        nodes=nodes,
-        fixed=[True, False, *[True] * count],
-        bars=[[0, 1]],
-        bar_mass=[1.0],
-        strings=[[2 + i, 1] for i in range(count)],
-        stiffness=np.full(count, stiffness),
-        damping=np.full(count, damping),
+        stiffness=stiffness,
+        damping=damping,
         rest_length=rest_length,
         nsh=(nsh,) * count,
-        damping_law="literal",
         gravity=gravity,
-        nominal=nodes,
     )
 
 
@@ -215,18 +206,25 @@ def test_rest_length_as_the_parameter():
         np.testing.assert_allclose(path.equations.nodes(found.free), settled.nodes, rtol=0, atol=1e-11)
 
 
+def require_exact(laws, exact, x):
+    """Two strings' laws, all at once, against the exact one of the first at an elongation, m."""
+    elongation = np.array([x, x])
+    piece = laws.piece_of(elongation)
+    assert piece[0] == exact.piece_of(x)
+    force, stiffness = laws(elongation, piece)
+    assert force[0] == pytest.approx(exact.force(x), abs=1e-11)
+    assert stiffness[0] == pytest.approx(exact.stiffness(x), abs=1e-8)
+    assert laws.energy(elongation, piece)[0] == pytest.approx(exact.energy(x), abs=1e-13)
+    quick = laws.on(piece)(elongation)
+    assert quick[0][0] == pytest.approx(force[0], abs=1e-13) and quick[1][0] == pytest.approx(stiffness[0], abs=1e-9)
+
+
 def test_strings_laws_are_the_exact_ones():
     nsh = NSH((6.0, 8.0, 10.0), (3.0, 4.0, 5.0), (0.01, 0.01, 0.015))
     model = one_bar(at(TILT), [[-B, 0.0, 0.0], [B, 0.0, 2.0]], [1.0, 1.0], nsh=nsh)
     laws, exact = string_laws(model), element_law(nsh.element, K)
     for x in np.linspace(-0.01, 0.09, 401):
-        elongation = np.array([x, x])
-        piece = laws.piece_of(elongation)
-        assert piece[0] == exact.piece_of(x)
-        force, stiffness = laws(elongation, piece)
-        assert force[0] == pytest.approx(exact.force(x), abs=1e-11)
-        assert stiffness[0] == pytest.approx(exact.stiffness(x), abs=1e-8)
-        assert laws.energy(elongation, piece)[0] == pytest.approx(exact.energy(x), abs=1e-13)
+        require_exact(laws, exact, x)
 
 
 # --- the article's structures ------------------------------------------------------------------------------------------
@@ -374,15 +372,7 @@ def test_a_sweep_over_any_law_without_memory_is_what_settles(name):
 def test_elements_laws_are_the_exact_ones(name, x):
     model = mast(name)
     exact, found = string_law(model, 0), string_laws(model)
-    elongation = np.array([x, x])
-    piece = found.piece_of(elongation)
-    assert piece[0] == exact.piece_of(x)
-    force, stiffness = found(elongation, piece)
-    assert force[0] == pytest.approx(exact.force(x), abs=1e-11)
-    assert stiffness[0] == pytest.approx(exact.stiffness(x), abs=1e-8)
-    assert found.energy(elongation, piece)[0] == pytest.approx(exact.energy(x), abs=1e-13)
-    quick = found.on(piece)(elongation)
-    assert quick[0][0] == pytest.approx(force[0], abs=1e-13) and quick[1][0] == pytest.approx(stiffness[0], abs=1e-9)
+    require_exact(found, exact, x)
 
 
 def test_payloads_gravity_aslant_and_actuators_in_a_sweep():

@@ -14,6 +14,7 @@ from tensegrity_core.errors import InputError, TensegrityError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import NSH, Model
 from tensegrity_core.model.elements import Beam, Parallel, Polynomial, Series, Spring, Table
+from tests.support import by_hand
 
 ARTICLE = NSH(Q=(6.0, 8.0, 10.0, 12.0), zeta=(3.0, 4.0, 5.0, 6.0), h=(0.01, 0.01, 0.015, 0.01))
 MEMORY = dataclasses.replace(ARTICLE, law="hysteretic")
@@ -24,28 +25,18 @@ METHODS = ("auto", "dop853", "rodas5p", "radau9", "rk4", "ros2")
 def mast(stiffness=5000.0, damping=20.0, law="literal", rest=1.4, **fields) -> Model:
     """A planar bar of 1 m and 1 kg pinned at the origin, guyed by two strings (left, right) to anchors 1 m beside it; the left
     one is a spring."""
-    nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    both = {name: (None, fields.pop(name)) for name in ("nsh", "element", "damper") if name in fields}
-    return Model(
-        name="mast",
-        description="a guyed mast",
+    pair = {name: (None, fields.pop(name)) for name in ("nsh", "element", "damper") if name in fields}
+    return by_hand(
+        [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        [0, 2, 3],
+        [[0, 1]],
+        [[1, 2], [1, 3]],
         axes=(0, 2),
-        node_names=("base", "tip", "west", "east"),
-        bar_names=("bar",),
-        string_names=("left", "right"),
-        nodes=nodes,
-        fixed=np.array([True, False, True, True]),
-        bars=[[0, 1]],
-        bar_mass=[1.0],
-        strings=[[1, 2], [1, 3]],
         stiffness=[2000.0, stiffness],
-        damping=[damping, damping],
-        rest_length=[rest, rest],
-        nsh=both.pop("nsh", (None, None)),
+        damping=damping,
+        rest_length=rest,
         damping_law=law,
-        gravity=0.0,
-        nominal=nodes,
-        **both,
+        **pair,
         **fields,
     )
 
@@ -510,7 +501,7 @@ def test_equal_strings_snap_together():
         fixed=np.append(model.fixed, True),
         strings=[[1, 2], [1, 3], [1, 4]],
         node_names=(*model.node_names, "again"),
-        string_names=("left", "right", "twin"),
+        string_names=(*model.string_names, "twin"),
         stiffness=[2000.0, 5000.0, 5000.0],
         damping=[20.0] * 3,
         rest_length=[2.0**0.5] * 3,
@@ -524,34 +515,32 @@ def test_equal_strings_snap_together():
     assert one == two and len([t for t in one if t[3] > 0.0]) == 7 and ledger < 1e-8
 
 
+def pushed(kernel, force, steps):
+    """What the kernel holds after so many steps under a force, N, on the mast."""
+    kernel["force"][0] = force
+    for _ in range(steps):
+        kernel.step(0.01)
+    return kernel.values.tobytes(), kernel.state.tobytes(), kernel["snapped"].tobytes()
+
+
 def test_a_saved_state_keeps_the_memory():
     model = mast(rest=2.0**0.5, nsh=MEMORY)
     for method in METHODS:
         kernel = Kernel(model, method=method, tolerance=1e-7, max_step=1e-3)
         kernel.initialize()
-        kernel["force"][0] = -28.0
-        for _ in range(100):
-            kernel.step(0.01)
-        kernel["force"][0] = -20.0  # on a branch that a first loading does not pass
-        for _ in range(40):
-            kernel.step(0.01)
+        pushed(kernel, -28.0, 100)
+        pushed(kernel, -20.0, 40)  # on a branch that a first loading does not pass
         state = kernel.save()
         ends = []
         for again in range(3):
             kernel.restore(state)
-            kernel["force"][0] = -5.0
-            for _ in range(60):
-                kernel.step(0.01)
-            ends.append((kernel.values.tobytes(), kernel.state.tobytes(), kernel["snapped"].tobytes()))
+            ends.append(pushed(kernel, -5.0, 60))
             if again == 1:
                 kernel.initialize()
         assert ends[0] == ends[1] == ends[2], method
         other = Kernel(model, method=method, tolerance=1e-7, max_step=1e-3)
         other.restore(state)
-        other["force"][0] = -5.0
-        for _ in range(60):
-            other.step(0.01)
-        assert (other.values.tobytes(), other.state.tobytes(), other["snapped"].tobytes()) == ends[0], method
+        assert pushed(other, -5.0, 60) == ends[0], method
 
 
 def test_a_step_that_fails_leaves_the_memory():

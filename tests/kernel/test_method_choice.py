@@ -125,15 +125,9 @@ def test_a_cell_is_measured_by_every_method():
 def test_every_part_of_the_product_is_there():
     every = cells.every()
     assert len(set(every)) == len(every) > 10_000
-    for field, values in (
-        ("scene", cells.SCENES),
-        ("damping", cells.DAMPINGS),
-        ("drive", cells.DRIVES),
-        ("call", cells.CALLS),
-        ("duration", cells.DURATIONS),
-        ("tolerance", cells.TOLERANCES),
-        ("memory", (False, True)),
-    ):
+    product = {"scene": cells.SCENES, "damping": cells.DAMPINGS, "drive": cells.DRIVES, "call": cells.CALLS}
+    product |= {"duration": cells.DURATIONS, "tolerance": cells.TOLERANCES, "memory": (False, True)}
+    for field, values in product.items():
         assert {getattr(cell, field) for cell in every} == set(values)
 
 

@@ -6,8 +6,7 @@ import pytest
 from tensegrity_core.errors import InputError
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import Kernel
-from tensegrity_core.model import Model
-from tests.support import changed, push, scene
+from tests.support import by_hand, changed, push, scene
 
 ADAPTIVE = ("auto", "dop853", "rodas5p", "radau9")
 OUTPUTS = [field.name for field in FIELDS if field.role == "output"]
@@ -40,27 +39,8 @@ def ledger_error(kernel, start):
 
 
 def free_bar():
-    nodes = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5], [9.0, 0.0, 0.0], [9.0, 0.0, 1.0]])
-    return Model(
-        "bar",
-        "",
-        (0, 1, 2),
-        ("n1", "n2", "n3", "n4"),
-        ("b1",),
-        ("s1",),
-        nodes,
-        np.array([False, False, True, True]),
-        np.array([[0, 1]]),
-        np.array([2.0]),
-        np.array([[2, 3]]),
-        np.array([10.0]),
-        np.array([0.0]),
-        np.array([2.0]),
-        (None,),
-        "literal",
-        0.0,
-        nodes,
-    )
+    nodes = [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5], [9.0, 0.0, 0.0], [9.0, 0.0, 1.0]]
+    return by_hand(nodes, [2, 3], [(0, 1)], [(2, 3)], bar_mass=2.0, stiffness=10.0, rest_length=2.0)
 
 
 @pytest.mark.parametrize("method", [*ADAPTIVE, "rk4", "ros2"])

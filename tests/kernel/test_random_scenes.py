@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tensegrity_core import kernel, reference
 from tensegrity_core.model import NSH, Inputs, Model, grid
+from tests.support import by_hand
 
 
 def random_model(seed: int) -> Model:
@@ -30,25 +31,19 @@ def random_model(seed: int) -> Model:
         n = random.integers(1, 4)
         return NSH(tuple(random.uniform(3, 12, n)), tuple(random.uniform(2.2, 7.5, n)), tuple(random.uniform(0.01, 0.04, n)))
 
-    return Model(
-        name="random",
-        description="",
+    return by_hand(
+        nodes,
+        np.flatnonzero(fixed),
+        [(2 * i, 2 * i + 1) for i in range(bars)],
+        strings,
         axes=(0, 2) if planar else (0, 1, 2),
-        node_names=tuple(f"n{i}" for i in range(len(nodes))),
-        bar_names=tuple(f"b{i}" for i in range(bars)),
-        string_names=tuple(f"s{i}" for i in range(count)),
-        nodes=nodes,
-        fixed=fixed,
-        bars=[(2 * i, 2 * i + 1) for i in range(bars)],
         bar_mass=random.uniform(0.3, 3.0, bars),
-        strings=strings,
         stiffness=random.uniform(300, 5000, count),
         damping=random.uniform(0, 60, count),
         rest_length=length * random.uniform(0.85, 1.02, count),
         nsh=tuple(honeycomb() if random.random() < 0.4 else None for _ in range(count)),
         damping_law=("literal", "tension_only")[random.integers(2)],
         gravity=9.81 if random.random() < 0.7 else 0.0,
-        nominal=nodes,
     )
 
 

@@ -21,6 +21,8 @@ from tensegrity_core.native import build
 NATIVE = Path(tensegrity_core.__file__).parent / "native"
 EPS = np.finfo(float).eps
 DIMENSIONS = pytest.mark.parametrize("D", [2, 3])
+PIVOTS = pytest.mark.parametrize(("small", "accepted"), [(1e-3, True), (1e-15, False), (0.0, False)])
+NOT_FINITE = pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 
 SHIM = """
 #include <stdlib.h>
@@ -123,6 +125,23 @@ class Pattern:
     def __del__(self):
         if getattr(self, "handle", None):
             self.lib.drop(self.handle)
+
+    def laplace(self):
+        """Blocks of a singular matrix: each row adds up to 0."""
+        blocks = self.identity(np.diff(self.row) - 1.0)
+        blocks[self.rows != self.column] = -np.eye(self.D)
+        return blocks
+
+    def full(self):
+        """Blocks of which no number is 0 and the diagonal is the largest."""
+        return self.identity(5.0) + 1.0 / (1.0 + np.arange(self.count * self.D**2).reshape(-1, self.D, self.D))
+
+    def spoilt(self, number):
+        """`full` with this number in each place in turn."""
+        for place in np.ndindex(self.count, self.D, self.D):
+            blocks = self.full()
+            blocks[place] = number
+            yield blocks
 
     def dense(self, A):
         """(n D, n D) of the blocks A (count, D, D)."""
@@ -396,7 +415,7 @@ def test_a_factor_is_accurate_or_refused(library, drawn, row, distance):
 
 
 @DIMENSIONS
-@pytest.mark.parametrize(("small", "accepted"), [(1e-3, True), (1e-15, False), (0.0, False)])
+@PIVOTS
 def test_growth_is_refused(library, D, small, accepted):
     """[[small, 1], [1, 1]] is well conditioned, but eliminating its first row wipes out the second."""
     p = Pattern(library, 2, D, [(0, 1)])
@@ -412,20 +431,17 @@ def test_growth_is_refused(library, D, small, accepted):
 @DIMENSIONS
 def test_singular_systems_are_refused(library, graph, D):
     p = Pattern(library, graph[0], D, graph[1])
-    laplace = p.identity(np.diff(p.row) - 1.0)
-    laplace[p.rows != p.column] = -np.eye(D)
+    laplace = p.laplace()
     assert p.factorise(laplace) is None
     assert p.factorise(np.zeros_like(laplace)) is None
     assert p.factorise((2.0, 4.0 * p.identity(), p.identity(0.0))) is None
 
 
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@NOT_FINITE
 @DIMENSIONS
 def test_numbers_that_are_not_finite_are_refused_wherever_they_stand(library, D, number):
     p = Pattern(library, 5, D, [*path(5), (0, 3)])
-    for place in np.ndindex(p.count, D, D):
-        A = p.identity(5.0) + 1.0 / (1.0 + np.arange(p.count * D * D).reshape(-1, D, D))
-        A[place] = number
+    for A in p.spoilt(number):
         assert p.factorise(A) is None
         assert p.factorise((9.0, A, p.identity())) is None
         assert p.factorise((9.0, p.identity(), A)) is None

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.native import test_blocks
-from tests.native.test_blocks import DIMENSIONS, EACH_GRAPH, EPS, SOME_GRAPH, Pattern, path, tower
+from tests.native.test_blocks import DIMENSIONS, EACH_GRAPH, EPS, NOT_FINITE, PIVOTS, SOME_GRAPH, Pattern, path, tower
 
 library = test_blocks.library
 
@@ -232,7 +232,7 @@ def test_a_factor_is_accurate_or_refused(libraries, drawn, row, distance):
 
 
 @DIMENSIONS
-@pytest.mark.parametrize(("small", "accepted"), [(1e-3, True), (1e-15, False), (0.0, False)])
+@PIVOTS
 def test_growth_is_refused(libraries, D, small, accepted):
     """i [[small, 1], [1, 1]] is well conditioned, but eliminating its first row wipes out the second."""
     p = Complex(libraries, 2, D, [(0, 1)])
@@ -247,8 +247,7 @@ def test_growth_is_refused(libraries, D, small, accepted):
 @DIMENSIONS
 def test_singular_systems_are_refused(libraries, graph, D):
     p = Complex(libraries, graph[0], D, graph[1])
-    laplace = p.identity(np.diff(p.row) - 1.0)
-    laplace[p.rows != p.column] = -np.eye(D)
+    laplace = p.laplace()
     zero = np.zeros_like(laplace)
     assert p.factorise(0j, laplace, zero) is None
     assert p.factorise(0j, zero, zero) is None
@@ -256,14 +255,12 @@ def test_singular_systems_are_refused(libraries, graph, D):
     assert p.factorise(3.0 + 4.0j, -25.0 * p.identity(), 7.0 * p.identity()) is not None
 
 
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@NOT_FINITE
 @DIMENSIONS
 def test_numbers_that_are_not_finite_are_refused_wherever_they_stand(libraries, D, number):
     p = Complex(libraries, 5, D, [*path(5), (0, 3)])
-    for place in np.ndindex(p.count, D, D):
-        A = p.identity(5.0) + 1.0 / (1.0 + np.arange(p.count * D * D).reshape(-1, D, D))
-        assert p.factorise(7.0 + 3.0j, A, p.identity()) is not None
-        A[place] = number
+    assert p.factorise(7.0 + 3.0j, p.full(), p.identity()) is not None
+    for A in p.spoilt(number):
         assert p.factorise(7.0 + 3.0j, A, p.identity()) is None
         assert p.factorise(7.0 + 3.0j, p.identity(), A) is None
     for mu in (complex(number, 1.0), complex(1.0, number)):

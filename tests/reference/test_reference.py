@@ -12,7 +12,7 @@ from tensegrity_core.model import Model, grid, held
 from tensegrity_core.reference import instant
 from tensegrity_core.reference import run as reference_run
 from tensegrity_core.reference import structure as structures
-from tests.support import changed, scene
+from tests.support import by_hand, changed, scene
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -37,30 +37,9 @@ def build(
     nodes = np.array(nodes, dtype=float)
     strings = np.array(strings, dtype=int).reshape(-1, 2)
     length = np.linalg.norm(nodes[strings[:, 1]] - nodes[strings[:, 0]], axis=1)
-    names = [
-        tuple(f"{letter}{i + 1}" for i in range(count))
-        for letter, count in (("n", len(nodes)), ("b", len(bars)), ("s", len(strings)))
-    ]
-    rest = length + slack if rest is None else np.array(rest)
-    return Model(
-        "by_hand",
-        "",
-        axes,
-        *names,
-        nodes,
-        np.isin(np.arange(len(nodes)), fixed),
-        np.array(bars),
-        np.full(len(bars), mass),
-        strings,
-        np.full(len(strings), k),
-        np.full(len(strings), d),
-        rest,
-        (None,) * len(strings),
-        law,
-        gravity,
-        nodes,
-        velocity,
-    )
+    options = {"axes": axes, "bar_mass": mass, "stiffness": k, "damping": d, "damping_law": law, "gravity": gravity}
+    rest = length + slack if rest is None else rest
+    return by_hand(nodes, fixed, bars, strings, rest_length=rest, velocity=velocity, **options)
 
 
 def free_structure(**options) -> Model:

@@ -11,6 +11,7 @@ from scipy.special import ellipj, ellipk
 
 from tensegrity_core import reference
 from tensegrity_core.model import Model, grid, held
+from tests.support import by_hand
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
 GRAVITY = 9.81
@@ -18,28 +19,8 @@ GRAVITY = 9.81
 
 def one_bar(nodes, fixed, strings=(), k=(), rest=(), gravity=GRAVITY, velocity=None, mass=1.0, axes=(0, 1, 2)) -> Model:
     """Bar n1-n2 of the given mass; further nodes are anchors; undamped strings."""
-    nodes = np.array(nodes, dtype=float)
-    return Model(
-        "one_bar",
-        "",
-        axes,
-        tuple(f"n{i + 1}" for i in range(len(nodes))),
-        ("b1",),
-        tuple(f"s{i + 1}" for i in range(len(strings))),
-        nodes,
-        np.array(fixed),
-        np.array([(0, 1)]),
-        np.array([mass]),
-        np.array(strings, dtype=int).reshape(-1, 2),
-        np.array(k),
-        np.zeros(len(k)),
-        np.array(rest),
-        (None,) * len(k),
-        "literal",
-        gravity,
-        nodes,
-        velocity,
-    )
+    options = {"bar_mass": mass, "stiffness": k, "rest_length": rest, "gravity": gravity, "velocity": velocity, "axes": axes}
+    return by_hand(nodes, np.flatnonzero(fixed), [(0, 1)], strings, **options)
 
 
 @pytest.mark.parametrize("axes", [(0, 1, 2), (0, 2)])

@@ -10,6 +10,7 @@ import pytest
 
 from tensegrity_core import kernel, reference
 from tensegrity_core.model import Model, grid, held
+from tests.support import by_hand
 
 LENGTH, STIFFNESS, MASS, PRESTRESS = 0.695, 1000.0, 1.0, 2.0
 
@@ -35,27 +36,8 @@ def prism() -> Model:
         b = nodes[j] - nodes[i]
         spin = np.cross([1.3 - n, -0.7 + n, 0.9], b)
         velocity[i], velocity[j] = -spin + [0.1 * n, 0.2, -0.1], spin + [0.1 * n, 0.2, -0.1]
-    return Model(
-        name="prism",
-        description="",
-        axes=(0, 1, 2),
-        node_names=tuple(f"n{i}" for i in range(6)),
-        bar_names=("b0", "b1", "b2"),
-        string_names=tuple(f"s{i}" for i in range(9)),
-        nodes=nodes,
-        fixed=np.zeros(6, bool),
-        bars=bars,
-        bar_mass=np.full(3, MASS),
-        strings=strings,
-        stiffness=np.full(9, STIFFNESS),
-        damping=np.zeros(9),
-        rest_length=length - density * length / STIFFNESS,
-        nsh=(None,) * 9,
-        damping_law="literal",
-        gravity=0.0,
-        nominal=nodes,
-        velocity=velocity,
-    )
+    rest = length - density * length / STIFFNESS
+    return by_hand(nodes, [], bars, strings, bar_mass=MASS, stiffness=STIFFNESS, rest_length=rest, velocity=velocity)
 
 
 def mujoco_positions(model: Model, duration: float, step: float) -> np.ndarray:

@@ -30,6 +30,19 @@ def changed(model: Model, damping: float | None = None, stiffness_factor: float 
     return dataclasses.replace(model, **fields)
 
 
+def by_hand(nodes, fixed, bars, strings, **fields) -> Model:
+    """A model without a scene, of pairs of nodes that are joined.  fixed: indices of the fixed nodes; fields: of Model, one
+    number where it is the same for all bars or strings."""
+    nodes = np.array(nodes, dtype=float)
+    counts = {"node_names": len(nodes), "bar_names": len(bars), "string_names": len(strings)}
+    known = {names: tuple(f"{names[0]}{i + 1}" for i in range(count)) for names, count in counts.items()}
+    known |= {"name": "by_hand", "description": "", "axes": (0, 1, 2), "nsh": (None,) * len(strings), "damping_law": "literal"}
+    known |= {"gravity": 0.0, "nominal": nodes, "bar_mass": 1.0, "damping": 0.0} | fields
+    for name, count in (("bar_mass", len(bars)), *((name, len(strings)) for name in ("stiffness", "damping", "rest_length"))):
+        known[name] = np.broadcast_to(known[name], count)
+    return Model(nodes=nodes, fixed=np.isin(np.arange(len(nodes)), fixed), bars=bars, strings=strings, **known)
+
+
 def push(model: Model, up: float = 45.0, aside: float = 20.0) -> np.ndarray:
     """(N, 3) N: `up` on every top node, and `aside` in x on the first of them."""
     force = np.zeros((len(model.nodes), 3))

@@ -30,13 +30,12 @@ APART = {
 }
 
 #: A mass of 2 kg on a spring of 800 N/m, let go where the spring is at rest.
-HANGING = {
+HANGING = APART | {
     "name": "hanging",
     "plane": "xz",
     "gravity": 10.0,
     "start": "released",
     "fixed": ["base", "top"],
-    "bars": APART["bars"],
     "nodes": APART["nodes"] | {"top": [0.0, 0.0], "load": [0.0, -1.0]},
     "strings": {"rope": {"nodes": ["top", "load"], "stiffness": 800.0}},
     "point_masses": {"load": 2.0},

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -150,63 +151,8 @@ def _deep(one, path, factor):
 
 # Sources
 
-#: Name: file, text, and what stands there instead; scenes that have what is wrong.
-SOURCES = {
-    "inertia of a free bar": (
-        "motion/drives.c",
-        "12.0 / (bar + 12.0 * inertia)",
-        "12.00012 / (bar + 12.0 * inertia)",
-        "six_bar",
-    ),
-    "inertia of a pinned bar": ("motion/drives.c", "3.0 / (bar + 3.0 * tip)", "3.00003 / (bar + 3.0 * tip)", "two_bar"),
-    "centripetal acceleration": (
-        "motion/motion.c",
-        "+ dot(cd, cd, D)) / dot",
-        "+ 1.00001 * dot(cd, cd, D)) / dot",
-        "three_bar",
-    ),
-    "arms of a free bar": ("motion/motion.c", ": 0.5 * (f2[d] - f1[d])", ": 0.500005 * (f2[d] - f1[d])", "six_bar_nsh"),
-    "bar force": ("motion/outputs.c", "+ 0.5 * axial)", "+ 0.500005 * axial)", "two_bar_nsh"),
-    "bar force of a turning bar": ("motion/outputs.c", "mass[i] / 12.0 * speed", "mass[i] / 11.99988 * speed", "six_bar"),
-    "reaction": ("motion/outputs.c", "(0.5 * a[d] + a_base[d])", "(0.500005 * a[d] + a_base[d])", "three_bar"),
-    "kinetic energy": ("motion/outputs.c", "return 0.5 * sum +", "return 0.500005 * sum +", "two_bar"),
-    "dissipated energy": ("motion/motion.c", "lost[l] += fd[i + l]", "lost[l] += 1.00001 * fd[i + l]", "three_bar"),
-    "work of rest lengths": ("motion/motion.c", "(fs[i + l] + fd[i + l])", "(fs[i + l] + 0.99999 * fd[i + l])", "two_bar"),
-    "moving rest length": (
-        "motion/motion.c",
-        "rest->length[i] + (rest->rate[i]",
-        "rest->length[i] + (1.00001 * rest->rate[i]",
-        "six_bar",
-    ),
-    "force of a beam": (
-        "laws/elements.c",
-        "* (x[i] - 3.0) + 2.0) + 2.0);",
-        "* (x[i] - 3.0) + 2.0) + 2.00002);",
-        "two_bar_nsh",
-    ),
-    "stop of a beam": ("laws/rise.c", "r->stopped += ", "r->stopped += 1.00001 * ", "two_bar_nsh"),
-    "work of drag": ("motion/drives.c", "* dot(speed, speed, D);", "* 1.00001 * dot(speed, speed, D);", "laboratory"),
-    "loss of a motor": ("motion/drives.c", "p[0] += drive.loss * speed", "p[0] += 1.00001 * drive.loss * speed", "wound"),
-    "bar of a moved node": (
-        "motion/outputs.c",
-        "sum += sim->inertia.laden",
-        "sum += 1.00001 * sim->inertia.laden",
-        "laboratory",
-    ),
-    "weight of the method": (
-        "methods/dop853_tableau.h",
-        "{0.054293734116568765, 0, 0, 0",
-        "{0.054294277054, 0, 0, 0",
-        "three_bar",
-    ),
-    "loss in a snap": (
-        "laws/memory/hysteresis.c",
-        "*loss = fmax(0.0, before",
-        "*loss = fmax(0.0, 1.00001 * before",
-        "mast_memory",
-    ),
-    "spring of a string with memory": ("laws/memory/branches.c", "return T / g->k", "return 1.00001 * T / g->k", "mast_memory"),
-}
+#: Name: file, what stands there, what is wrong instead, and a scene that has it.
+SOURCES = tomllib.loads(Path(__file__).with_name("wrong_sources.toml").read_text(encoding="utf-8"))
 
 
 def compiled(folder: Path) -> Path:
@@ -229,7 +175,7 @@ def mutated_library(folder: Path, name: str | None, right: Path) -> Path:
     """The kernel with one of SOURCES, or as it is, linked into a folder.  right: from `compiled`."""
     shutil.copytree(right, folder)
     if name is not None:
-        file, there, wrong, _ = SOURCES[name]
+        file, there, wrong = (SOURCES[name][key] for key in ("file", "there", "wrong"))
         text = (folder / file).read_text(encoding="utf-8")
         assert there in text, f"{file} has no {there!r} any more"
         (folder / file).write_text(text.replace(there, wrong), encoding="utf-8")
@@ -281,7 +227,7 @@ def main(names: list[str]) -> int:
         right = compiled(Path(scratch) / "right")
         for name in () if names else SOURCES:
             library = mutated_library(Path(scratch) / name, name, right)
-            by = caught(prepared(SCENES[SOURCES[name][-1]]()), with_library(library))
+            by = caught(prepared(SCENES[SOURCES[name]["scene"]]()), with_library(library))
             bad, total = bad + (by is None), total + 1
             print(f"source, {name}: {'missed' if by is None else f'caught by {by}'}", flush=True)
     print(f"{total - bad} of {total} caught, {time.process_time() - began:.0f} s")

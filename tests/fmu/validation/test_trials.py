@@ -99,6 +99,6 @@ def sources(tmp_path_factory):
 
 @pytest.mark.parametrize("name", COMPILED)
 def test_a_source_that_is_wrong_by_1e_5_is_caught(name, ready, sources, tmp_path):
-    trials_of_it = ready(SOURCES[name][-1])
+    trials_of_it = ready(SOURCES[name]["scene"])
     assert caught(trials_of_it, with_library(mutated_library(tmp_path / "wrong", name, sources))) is not None
     assert caught(trials_of_it[:1], with_library(mutated_library(tmp_path / "right", None, sources))) is None

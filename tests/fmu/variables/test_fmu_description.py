@@ -39,38 +39,41 @@ def test_description_says_what_the_table_says(name, fmus):
             assert (None if told is None else float(told)) == getattr(row, bound)
 
 
+#: The table of the design, counted for three_bar_nsh: 6 nodes (3 free), 3 bars, 6 strings, 3 NSH of 4 beams.
+INTERFACE = r"""
+    n[456]\.force\.[xyz]                                                 input     N      9
+    s\d\.rest_length                                                     input     m      6
+    s\d\.rest_length_rate                                                input     m/s    6
+    n\d\.[xyz]                                                           output    m     18
+    n[456]\.velocity\.[xyz]                                              output    m/s    9
+    s\d\.force                                                           output    N      6
+    s\d\.elastic_force                                                   output    N      6
+    s\d\.length                                                          output    m      6
+    b\d\.force                                                           output    N      3
+    n[123]\.reaction\.[xyz]                                              output    N      9
+    energy\.(kinetic|potential|elastic|dissipated|input_work|throughput) output    J      6
+    s[123]\.snapped                                                      output    -      3
+    s\d\.stiffness                                                       parameter N/m    6
+    s\d\.damping                                                         parameter N.s/m  6
+    gravity                                                              parameter m/s2   1
+    b\d\.mass                                                            parameter kg     3
+    s[123]\.nsh\.Q\[[1234]\]                                             parameter N     12
+    s[123]\.nsh\.zeta\[[1234]\]                                          parameter 1     12
+    s[123]\.nsh\.h\[[1234]\]                                             parameter m     12
+    solver\.method                                                       parameter -      1
+    solver\.tolerance                                                    parameter 1      1
+    solver\.step                                                         parameter s      1
+"""
+
+
 def test_interface_of_a_structure():
-    """The table of the design, counted for three_bar_nsh: 6 nodes (3 free), 3 bars, 6 strings, 3 NSH of 4 beams."""
     table = {row.name: row for row in variables(scene("three_bar_nsh"))}
-    groups = {
-        r"n[456]\.force\.[xyz]": ("input", "N", 9),
-        r"s\d\.rest_length": ("input", "m", 6),
-        r"s\d\.rest_length_rate": ("input", "m/s", 6),
-        r"n\d\.[xyz]": ("output", "m", 18),
-        r"n[456]\.velocity\.[xyz]": ("output", "m/s", 9),
-        r"s\d\.force": ("output", "N", 6),
-        r"s\d\.elastic_force": ("output", "N", 6),
-        r"s\d\.length": ("output", "m", 6),
-        r"b\d\.force": ("output", "N", 3),
-        r"n[123]\.reaction\.[xyz]": ("output", "N", 9),
-        r"energy\.(kinetic|potential|elastic|dissipated|input_work|throughput)": ("output", "J", 6),
-        r"s[123]\.snapped": ("output", None, 3),
-        r"s\d\.stiffness": ("parameter", "N/m", 6),
-        r"s\d\.damping": ("parameter", "N.s/m", 6),
-        r"gravity": ("parameter", "m/s2", 1),
-        r"b\d\.mass": ("parameter", "kg", 3),
-        r"s[123]\.nsh\.Q\[[1234]\]": ("parameter", "N", 12),
-        r"s[123]\.nsh\.zeta\[[1234]\]": ("parameter", "1", 12),
-        r"s[123]\.nsh\.h\[[1234]\]": ("parameter", "m", 12),
-        r"solver\.method": ("parameter", None, 1),
-        r"solver\.tolerance": ("parameter", "1", 1),
-        r"solver\.step": ("parameter", "s", 1),
-    }
-    for pattern, (causality, unit, count) in groups.items():
+    groups = [line.split() for line in INTERFACE.strip().splitlines()]
+    for pattern, causality, unit, count in groups:
         found = [row for name, row in table.items() if re.fullmatch(pattern, name)]
-        assert len(found) == count, pattern
-        assert {(row.causality, row.unit) for row in found} == {(causality, unit)}, pattern
-    assert len(table) == sum(count for _, _, count in groups.values())
+        assert len(found) == int(count), pattern
+        assert {(row.causality, row.unit or "-") for row in found} == {(causality, unit)}, pattern
+    assert len(table) == sum(int(count) for *_, count in groups)
     tunable = {name for name, row in table.items() if row.variability == "tunable"}
     assert tunable == {f"s{i}.{what}" for i in range(1, 7) for what in ("stiffness", "damping")} | {"gravity"}
 
