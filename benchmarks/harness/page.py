@@ -130,7 +130,7 @@ def shown(value, form: str = "") -> str:
 def rendered(name: str, /, **values) -> str:
     """The page, or section, of the template benchmarks/NAME.md, its paragraphs filled to the width.
 
-    Templates have the filters f (see `shown`), listed, number (see `plain_number`) and span.
+    Templates have the filters f (see `shown`), listed, number (see `plain_number`) span and cell (`least_and_median`).
     """
     return wrapped(_templates().get_template(f"{name}.md").render(values, name=name.rpartition("/")[2])) + "\n"
 
@@ -140,7 +140,7 @@ def _templates() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(BENCHMARKS), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"f": shown, "listed": listed, "number": plain_number, "span": span}
+    environment.filters |= {"f": shown, "listed": listed, "number": plain_number, "span": span, "cell": least_and_median}
     return environment
 
 
@@ -153,6 +153,11 @@ def span(counts: Iterable[int]) -> str:
     """'none', or the least and the largest of some counts."""
     low, *_, high = sorted(counts)
     return f"{low} to {high}" if low != high else str(high or "none")
+
+
+def least_and_median(values: dict | None, scale: float = 1.0) -> str:
+    """Of a `summary`, the median in parentheses; a dash where there is none."""
+    return "–" if values is None else f"{plain_number(scale * values['min'])} ({plain_number(scale * values['median'])})"
 
 
 def table(header: str | list[str], rows: Iterable[str | list[str]]) -> str:

@@ -19,14 +19,15 @@ on, and between the largest tower and the largest of at most half its size.
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.harness import machine, problems
-from benchmarks.harness.page import Page, listed, new_figure, table, wrapped
+from benchmarks.harness import problems
+from benchmarks.harness.page import Page, new_figure, rendered
+from benchmarks.harness.timing import follow, in_turns, recorded
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
 from tensegrity_core.scene.towers import tower
@@ -34,6 +35,14 @@ from tensegrity_core.statics import build_model
 
 STAGES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 METHODS = {"dop853": "explicit (DOP853)", "rodas5p": "L-stable (Rodas5P)", "radau9": "L-stable (Radau IIA)"}
+NAMES = {method: label.split("(")[1].rstrip(")") for method, label in METHODS.items()}
+QUANTITIES = {
+    "step": "accepted step",
+    "transition": "transition",
+    "rhs": "right-hand side",
+    "algebra": "linear algebra",
+    "memory": "memory",
+}
 IMPLICIT = ("rodas5p", "radau9")
 TOLERANCE, DURATION, INSTANTS = 1e-6, 0.1, 4
 DOWN, ASIDE = -45.0, 20.0  # N
@@ -64,17 +73,13 @@ class Case:
         force = problems.kernel_force(model, problems.push(model, DOWN, ASIDE))
         return cls(Kernel(model, method=method, tolerance=TOLERANCE), force)
 
-    def run(self) -> None:
+    def run(self) -> float:
         """One run; short ones again and again, for ROUND seconds."""
         spent = 0.0
         while spent < ROUND:
-            self.kernel["force"][:] = self.force
-            self.kernel.initialize()
-            start = time.process_time()
-            for _ in range(INSTANTS):
-                self.kernel.step(DURATION / INSTANTS)
-            self.seconds.append(time.process_time() - start)
+            self.seconds.append(follow(self.kernel, self.force, DURATION, INSTANTS)[0])
             spent += self.seconds[-1]
+        return spent
 
     @property
     def time(self) -> float:
@@ -83,14 +88,8 @@ class Case:
 
 def measure(stages: tuple[int, ...], rounds: int) -> list[dict]:
     """One row per tower and method."""
-    cases: dict[tuple, Case] = {}
-    models = {(n, tension): model_of(n, tension) for n in stages for tension in (LIGHT, HIGH)}
-    for (n, tension), model in models.items():
-        for method in METHODS:
-            cases[n, method, tension] = Case.make(model, method)
-    for _ in range(rounds):
-        for case in cases.values():
-            case.run()
+    cases = {(n, m, tension): Case.make(model_of(n, tension), m) for n, m, tension in product(stages, METHODS, (LIGHT, HIGH))}
+    in_turns({key: case.run for key, case in cases.items()}, rounds)
     rows = []
     for n in stages:
         explicit = cases[n, "dop853", HIGH]
@@ -121,19 +120,12 @@ def row(stages: int, method: str, taut: Case, slack: Case, rhs: float) -> dict:
     }
 
 
+@recorded
 def collect(stages: tuple[int, ...], rounds: int) -> dict:
-    """All measurements and what they say, with machine and conditions: growth.json."""
-    began, where = time.perf_counter(), machine.describe()
+    """All measurements and what they say, with conditions: growth.json."""
     rows = measure(stages, rounds)
-    return {
-        "machine": where,
-        "push": {"down": -DOWN, "aside": ASIDE, "duration": DURATION, "tension": [LIGHT, HIGH], "tolerance": TOLERANCE},
-        "exponents": exponents(rows),
-        "fitted_from_stages": FIT_FROM,
-        "limit": LIMIT,
-        "seconds": round(time.perf_counter() - began),
-        "rows": rows,
-    }
+    push = {"down": -DOWN, "aside": ASIDE, "duration": DURATION, "tension": [LIGHT, HIGH], "tolerance": TOLERANCE}
+    return {"push": push, "exponents": exponents(rows), "fitted_from_stages": FIT_FROM, "limit": LIMIT, "rows": rows}
 
 
 # --- judging -----------------------------------------------------------------------------------------------------
@@ -164,12 +156,9 @@ def last_exponent(n: np.ndarray, value: np.ndarray) -> float | None:
 
 def exponents(rows: list[dict]) -> dict[str, dict[str, dict[str, float | None]]]:
     """By method and quantity: of the fit, and at the end."""
-    wanted = {method: ["step", "transition", "memory", "rhs"] for method in METHODS}
-    for method in IMPLICIT:
-        wanted[method].append("algebra")
     found: dict = {method: {} for method in METHODS}
-    for method, names in wanted.items():
-        for name in names:
+    for method, name in product(METHODS, QUANTITIES):
+        if name != "algebra" or method in IMPLICIT:
             points = series(rows, method, name)
             found[method][name] = {"fit": exponent(*points), "last": last_exponent(*points)}
     return found
@@ -182,14 +171,14 @@ def figure_of(result: dict) -> Figure:
     """Four charts over the number of bars, each with n^1 and n^1.2 through the first fitted point."""
     figure = new_figure(9.0, 6.6)
     rows, found = result["rows"], result["exponents"]
-    charts = [[("step", method, label) for method, label in METHODS.items()]]
-    charts.append([("transition", method, label) for method, label in METHODS.items()])
-    charts.append([("rhs", "dop853", "right-hand side")])
-    charts[-1] += [("algebra", method, f"linear algebra of {METHODS[method].split('(')[1][:-1]}") for method in IMPLICIT]
-    charts.append([("memory", "dop853", "a simulation, whatever its method")])
-    titles = [("per accepted step", 1e6, "\u00b5s"), ("per transition", 1e6, "\u00b5s")]
-    titles += [("parts of a step", 1e6, "\u00b5s"), ("memory", 1e-6, "MB")]
-    for axes, curves, (title, scale, unit) in zip(figure.subplots(2, 2).flat, charts, titles):
+    linear = [("algebra", method, f"linear algebra of {NAMES[method]}") for method in IMPLICIT]
+    charts = {
+        ("per accepted step", 1e6, "µs"): [("step", *one) for one in METHODS.items()],
+        ("per transition", 1e6, "µs"): [("transition", *one) for one in METHODS.items()],
+        ("parts of a step", 1e6, "µs"): [("rhs", "dop853", "right-hand side"), *linear],
+        ("memory", 1e-6, "MB"): [("memory", "dop853", "a simulation, whatever its method")],
+    }
+    for axes, ((title, scale, unit), curves) in zip(figure.subplots(2, 2).flat, charts.items()):
         for quantity, method, label in curves:
             colour, marker = MARKS[method]
             curve(axes, *series(rows, method, quantity), scale, found[method][quantity]["fit"], label, colour, marker)
@@ -216,77 +205,26 @@ def curve(axes, n, value, scale, power, label, colour, marker) -> None:
         axes.plot(3 * n[start:], line, dashes, color="#777777", linewidth=1.0, zorder=1, label="_" if known else named)
 
 
-def short(method: str) -> str:
-    return METHODS[method].split("(")[1].rstrip(")")
-
-
-def exponent_rows(found: dict) -> str:
-    """Fitted, and at the end."""
-    names = {
-        "step": "accepted step",
-        "transition": "transition",
-        "rhs": "right-hand side",
-        "algebra": "linear algebra",
-        "memory": "memory",
-    }
-    body = []
-    for quantity, label in names.items():
-        cells = [found[method].get(quantity) for method in METHODS]
-        shown = ["–" if c is None or c["fit"] is None else f"{c['fit']:.2f}; {_or_dash(c['last'])}" for c in cells]
-        body.append([label, *shown])
-    return table(["exponent of n: fitted; at the end", *(short(method) for method in METHODS)], body)
-
-
-def _or_dash(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}"
-
-
 def above_limit(result: dict, quantity: str) -> list[str]:
     """Methods whose exponent at the end exceeds the limit, with it."""
     ends = {method: result["exponents"][method].get(quantity, {}).get("last") for method in METHODS}
-    return [f"{short(method)} (n^{end:.2f})" for method, end in ends.items() if end is not None and end > result["limit"]]
-
-
-def end_text(result: dict) -> str:
-    """What the exponents at the end say of the limit."""
-    limit, texts = f"n^{result['limit']:g}", []
-    steps, transitions, algebra = (above_limit(result, name) for name in ("step", "transition", "algebra"))
-    if not steps:
-        texts.append(f"At the end, too, an accepted step stays within {limit} by every method.")
-    else:
-        texts.append(f"At the end an accepted step exceeds {limit} by {listed(steps)}.")
-    if transitions:
-        texts.append(f"A transition, a difference of two runs and so the least certain, exceeds it by {listed(transitions)}.")
-    if algebra:
-        texts.append(
-            f"So does the linear algebra of {listed(algebra)}: its operations grow with n, but its matrices outgrow the "
-            "processor's caches between these sizes, and beyond counts what memory delivers, which the fit takes for growth; "
-            "[scene-costs.md](scene-costs.md) measures both levels."
-        )
-    return " ".join(texts)
+    return [f"{NAMES[method]} (n^{end:.2f})" for method, end in ends.items() if end is not None and end > result["limit"]]
 
 
 def report(result: dict) -> str:
     """docs/growth.md: the figure in two sentences, and how to draw it again."""
-    rows, found, where = result["rows"], result["exponents"], result["machine"]
-    largest = max(r["bars"] for r in rows)
-    last = {r["method"]: r for r in rows if r["bars"] == largest}
-    steps = listed([f"{1e6 * last[m]['step']:.0f}" for m in METHODS])
-    blocks = [
-        "# Growth",
-        "![Time and memory against the number of bars](figures/growth.png)",
-        "A tower of n stages has 3 n bars that meet only through strings, so by theory a step, a transition and the memory "
-        f"cost a constant times n. With {largest} bars {listed([short(m) for m in METHODS])} need {steps} \u00b5s per "
-        f"accepted step, and a simulation holds {1e-6 * last['dop853']['memory']:.0f} MB.",
-        f"Exponents, fitted from {3 * result['fitted_from_stages']} to {largest} bars, and between the largest tower and one "
-        f"of half its size; n^{result['limit']:g} is the limit that we set:",
-        exponent_rows(found),
-        end_text(result),
-        f"Processor time, one thread, {where['processor']}, commit {where['commit']}, {where['date']}, in {result['seconds']} "
-        "s; the figures stand in [growth.json](growth.json). Drawn by `python -m benchmarks.speed.growth`, which also says "
-        "what was measured and how; `--redraw` draws it again from that file.",
-    ]
-    return wrapped("\n\n".join(block for block in blocks if block)) + "\n"
+    largest = max(r["bars"] for r in result["rows"])
+    last = {r["method"]: r for r in result["rows"] if r["bars"] == largest}
+    return rendered(
+        "speed/growth",
+        **result,
+        methods=NAMES,
+        quantities=QUANTITIES,
+        largest=largest,
+        steps=[f"{1e6 * last[m]['step']:.0f}" for m in METHODS],
+        memory=last["dop853"]["memory"],
+        above={name: above_limit(result, name) for name in QUANTITIES},
+    )
 
 
 PAGE = Page(__doc__, "growth", collect, report, {"growth": figure_of}, {"stages": STAGES, "rounds": 7})

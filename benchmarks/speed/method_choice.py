@@ -15,9 +15,10 @@ from ctypes import POINTER, Structure, c_double, c_int64, c_void_p, cast
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import gmean
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import Page, paragraphs, table
+from benchmarks.harness.page import Page, rendered
 from tensegrity_core.files import scratch
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.native import build
@@ -111,62 +112,40 @@ def slim(row: dict) -> dict:
     return {"name": row["name"], "seconds": seconds, "failed": row["failed"]}
 
 
-def summary(title: str, rows: list[dict]) -> list[str]:
+def summary(rows: list[dict]) -> dict:
+    """Of the ratios of `auto` to the best: how many were judged, mean, quantile, largest, and how many are above WORST; how
+    often each method is best."""
     found = judged(rows)
     ratio = np.array([row["ratio"] for row in found])
-    best = [str(sum(row["best"] == method for row in found)) for method in BASE]
-    numbers = np.exp(np.log(ratio).mean()), np.quantile(ratio, 0.95), ratio.max()
-    return [title, str(len(found)), *(f"{x:.2f}" for x in numbers), str(int((ratio > WORST).sum())), *best]
+    best = {method: sum(row["best"] == method for row in found) for method in BASE}
+    numbers = {"mean": gmean(ratio), "quantile": np.quantile(ratio, 0.95), "largest": ratio.max()}
+    return {"judged": len(found), **numbers, "above": int((ratio > WORST).sum()), "best": best}
 
 
-def report(result: dict) -> str:
-    """docs/method-choice.md."""
-    where, chained = result["machine"], [row for ladder in result["ladders"] for row in ladder]
-    sets = {"out of the product": result["drawn"], "anywhere": result["anywhere"], "ladders": chained}
-    everything = [row for rows in sets.values() for row in rows]
-    worst = sorted(judged(everything), key=lambda row: -row["ratio"])[:8]
-    loose = [value for ladder in result["ladders"] for value in dearer(ladder)]
-    head = ["cells", "judged", "geometric mean", "95 %", "largest", f"above {WORST:g}", *(f"best: {m}" for m in BASE)]
-    times = []
-    for row in worst:
-        cells = (f"{1e3 * row['seconds'][m]:.3g}" if m in row["seconds"] else "-" for m in METHODS)
-        times.append([row["name"], *cells, f"{row['ratio']:.2f}"])
-    alone = [[m, *quantiles(m, everything)] for m in METHODS]
-    given_up = sum(not any(m in row["seconds"] for m in BASE) for row in everything)
-    return paragraphs(
-        "# What `auto` chooses, and what that costs",
-        "Written by `python -m benchmarks.speed.method_choice`; the figures stand in "
-        "[method_choice.json](method_choice.json), and `--redraw` writes this page from them. "
-        f"{where['processor']}, {where['system']}, Python {where['python']}, one thread, commit "
-        f"{where['commit']}, {where['date']}, in {result['minutes']} minutes.",
-        "A cell is a model, a drive, a duration, communication steps and a tolerance. `dop853`, `rodas5p`, `radau9` and "
-        f"`auto` run it in turns, {result['rounds']} rounds (two where runs are long); the least processor time of the "
-        "kernel's steps counts. The ratio is that of `auto` over the best of the three, which nobody knows beforehand; below "
-        f"1, `auto` wins by using more than one of them. Cells whose best run takes less than {1e3 * LEAST:g} ms are not "
-        f"judged, runs of more than {MOST:g} s are given up ({given_up} cells have none shorter).",
-        f"*Out of the product*: {len(result['drawn'])} of {result['cells']} cells, drawn with equal chances: six scenes and a "
-        "tower of 30 bars, with and without memory; d = 50, 500, 5000 N s/m; tolerances 1e-4 ... 1e-12; constant loads, "
-        "square waves, moving rest lengths, releases, random held forces; 0.1, 5 and 50 s; communication steps of 1 ms, 10 "
-        "ms and none. *Anywhere*: towers of one to three stages whose stiffness, mass, prestress and damping, and whose "
-        "durations, communication steps and tolerances are drawn from ranges, 10 to 10^4 N s/m and 0.05 to 20 s among them. "
-        "*Ladders*: 45 N up at n4 of the six scenes over 5 s, at every tolerance.",
-        table(head, [summary(title, rows) for title, rows in sets.items()] + [summary("all", everything)]),
-        f"Aims: mean at most {MEAN:g}, 95 % of cells at most {MOST_CELLS:g}, none above {WORST:g}.",
-        "What one loses who always takes the same method: ratios to the best of the three.",
-        table(["method", "geometric mean", "95 %", "not ended"], alone),
-        "The largest ratios, times in ms:",
-        table(["cell", *METHODS, "ratio"], times),
-        f"On the ladders, a looser tolerance costs at most {max(loose):.2f} times what a tighter one does; more "
-        f"than {LOOSER:g} times in {sum(value > LOOSER for value in loose)} of {len(loose)} steps.",
-    )
-
-
-def quantiles(method: str, rows: list[dict]) -> list[str]:
+def quantiles(method: str, rows: list[dict]) -> dict:
     """Of the ratios of a method's times to the best: geometric mean and 95 %, over the cells that it ended; how many it did
     not."""
     found = judged(rows)
     ratio = np.array([row["seconds"][method] / row["seconds"][row["best"]] for row in found if method in row["seconds"]])
-    return [f"{np.exp(np.log(ratio).mean()):.2f}", f"{np.quantile(ratio, 0.95):.3g}", str(len(found) - len(ratio))]
+    return {"mean": gmean(ratio), "quantile": np.quantile(ratio, 0.95), "lost": len(found) - len(ratio)}
+
+
+def report(result: dict) -> str:
+    """docs/method-choice.md."""
+    chained = [row for ladder in result["ladders"] for row in ladder]
+    sets = {"out of the product": result["drawn"], "anywhere": result["anywhere"], "ladders": chained}
+    everything = [row for rows in sets.values() for row in rows]
+    constants = {"base": BASE, "aims": (MEAN, MOST_CELLS), "worst": WORST, "looser": LOOSER, "least": LEAST, "most": MOST}
+    return rendered(
+        "speed/method_choice",
+        **result,
+        **constants,
+        sets={title: summary(rows) for title, rows in (sets | {"all": everything}).items()},
+        alone={method: quantiles(method, everything) for method in METHODS},
+        dearest=sorted(judged(everything), key=lambda row: -row["ratio"])[:8],
+        given_up=sum(not any(m in row["seconds"] for m in BASE) for row in everything),
+        loose=[value for ladder in result["ladders"] for value in dearer(ladder)],
+    )
 
 
 PAGE = Page(__doc__, "method_choice", collect, report, options={"rounds": 5})

@@ -19,14 +19,15 @@ from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import gmean
 
-from benchmarks.harness import machine
-from benchmarks.harness.page import Page, paragraphs, table
+from benchmarks.harness.machine import ROOT
+from benchmarks.harness.page import Page, rendered
+from benchmarks.harness.timing import in_turns, recorded
 from tensegrity_core.files import scratch
 from tensegrity_core.native import build
 from tensegrity_core.scene import builtin_scenes
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 #: The last commit before these parts, and what it is imported as.
 BEFORE, PACKAGE = "8bcbf09", "tensegrity_before"
 ROUNDS, PUSH = 60, 100.0
@@ -84,61 +85,29 @@ def run(kernel, task: Task) -> float:
 
 def row(scene: str, task: Task, library: Path, rounds: int) -> dict:
     kernels = {"before": kernel_of(PACKAGE, scene, task), "now": kernel_of("tensegrity_core", scene, task, library)}
-    seconds: dict[str, list[float]] = {name: [] for name in kernels}
-    for n in range(rounds):
-        for name in sorted(kernels, reverse=bool(n % 2)):
-            seconds[name].append(run(kernels[name], task))
-    least = {name: min(values) for name, values in seconds.items()}
+    seconds = in_turns({name: lambda k=kernel: run(k, task) for name, kernel in kernels.items()}, rounds)
+    now, then = min(seconds["now"]), min(seconds["before"])
     apart = float(np.abs(kernels["now"]["position"] - kernels["before"]["position"]).max())
-    return {
-        "scene": scene,
-        "task": task.title,
-        "us_per_step": 1e6 * least["now"] / task.count,
-        "apart": apart,
-        "ratio": least["now"] / least["before"],
-    }
+    return {"scene": scene, "task": task.title, "us_per_step": 1e6 * now / task.count, "apart": apart, "ratio": now / then}
 
 
+@recorded
 def collect(rounds: int) -> dict:
     """docs/unused_parts.json."""
-    began, where = time.perf_counter(), machine.describe()
     with scratch() as folder:
         before(folder)
         present = folder / "now"
         present.mkdir()
         library = build.compile_library(present)
         rows = [row(scene, task, library, rounds) for scene in builtin_scenes() for task in TASKS]
-    return {"machine": where, "before": BEFORE, "rounds": rounds, "rows": rows, "seconds": round(time.perf_counter() - began)}
-
-
-def mean(values) -> float:
-    """Geometric mean."""
-    return float(np.exp(np.mean(np.log(list(values)))))
+    return {"before": BEFORE, "rounds": rounds, "rows": rows}
 
 
 def report(result: dict) -> str:
     """docs/unused-parts.md."""
-    where, rows = result["machine"], result["rows"]
-    titles = [task.title for task in TASKS]
-    found = {(r["scene"], r["task"]): r for r in rows}
-    scenes = list(dict.fromkeys(r["scene"] for r in rows))
-    body = [[s, *(f"{found[s, t]['ratio']:.3f} ({found[s, t]['us_per_step']:.3g} us)" for t in titles)] for s in scenes]
-    means = [mean(found[s, t]["ratio"] for s in scenes) for t in titles]
-    body.append(["geometric mean", *(f"{value:.3f}" for value in means)])
-    over = sum(r["ratio"] > 1.02 for r in rows)
-    return paragraphs(
-        "# What unused parts cost",
-        "Written by `python -m benchmarks.speed.unused_parts`; the figures stand in [unused_parts.json](unused_parts.json), "
-        f"and `--redraw` writes this page from them. {where['processor']}, {where['system']}, Python {where['python']}, one "
-        f"thread, commit {where['commit']}, {where['date']}, in {result['seconds']} s.",
-        f"Processor time of the kernel over that of the kernel at commit {result['before']}, which knew neither "
-        "actuators, moved nodes, point masses, drag and gravity vectors, nor general force laws and memory; in "
-        "brackets the time of a communication step, called from Python. The six scenes have none of these parts. "
-        f"Both kernels are compiled alike and called in turns, {result['rounds']} rounds, the least counts. "
-        f"Positions at the end differ by at most {max(r['apart'] for r in rows):.0e} m.",
-        table(["scene", *titles], body),
-        f"Over all: {mean(r['ratio'] for r in rows):.3f}. {over} of {len(rows)} ratios exceed 1.02.",
-    )
+    rows, titles = result["rows"], [task.title for task in TASKS]
+    means = [gmean([r["ratio"] for r in rows if r["task"] == title]) for title in titles]
+    return rendered("speed/unused_parts", **result, titles=titles, means=means, mean=gmean([r["ratio"] for r in rows]))
 
 
 PAGE = Page(__doc__, "unused_parts", collect, report, options={"rounds": ROUNDS})

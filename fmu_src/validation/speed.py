@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from tensegrity_core.files import scratch
 
@@ -25,28 +28,34 @@ def measure(fmu: Path, h: float = 1e-3, duration: float = 5.0, push: float = 100
     """
     from fmpy import extract, read_model_description
 
+    def pushed(inputs: np.ndarray, k: int) -> None:
+        inputs[forces[-2:]] = (push, -0.3 * push) if k * h < 0.5 else 0.0
+
     steps = round(duration / h)
     with scratch() as folder:
         description = read_model_description(extract(str(fmu), unzipdir=str(folder)))
-        wall = min(_run(description, str(folder), h, steps, push) for _ in range(repeats))
+        inputs = [v.name for v in description.modelVariables if v.causality == "input"]
+        forces = [i for i, name in enumerate(inputs) if "force" in name]
+        wall = min(stepped(Instance(description, str(folder)), pushed, steps, h) for _ in range(repeats))
     return Speed(wall / steps, duration / wall)
 
 
-def _run(description, folder, h, steps, push) -> float:
-    instance = Instance(description, folder)
-    inputs = [v.name for v in description.modelVariables if v.causality == "input"]
+def stepped(
+    instance: Instance, change: Callable, steps: int, h: float, clock: Callable[[], float] = time.perf_counter
+) -> float:
+    """Seconds for communication steps of h, s, all inputs set and all outputs read at each; the instance is used up.
+
+    change(inputs, k): puts what is set before step k into the array of inputs, which begins at their start values."""
+    inputs = [v.name for v in instance.description.modelVariables if v.causality == "input"]
     ports = Ports(instance, inputs)
     ports.inputs[:] = [float(instance.by_name[name].start) for name in inputs]
-    forces = [i for i, name in enumerate(inputs) if "force" in name]
     instance.start()
-    ports.inputs[forces[-2:]] = push, -0.3 * push
-    begin = time.perf_counter()
+    begin = clock()
     for k in range(steps):
-        if k * h >= 0.5:
-            ports.inputs[forces[-2:]] = 0.0
+        change(ports.inputs, k)
         ports.set()
         ports.step(k * h, h)
         ports.get()
-    wall = time.perf_counter() - begin
+    spent = clock() - begin
     instance.close()
-    return wall
+    return spent

@@ -256,6 +256,18 @@ def test_costs_of_a_scene_are_measured():
     assert 0.0 < methods["dop853"]["transition"]["min"] < methods["dop853"]["runs"]["full"]["min"]
 
 
+def test_the_fmus_speed_is_measured_for_every_solver(monkeypatch):
+    """Each solver is in an FMU that takes its files for its own; a looser tolerance is the less exact one."""
+    solvers = (("auto", 1e-10), ("auto", 1e-4))
+    for name, value in {"SCENES": ("two_bar",), "JUDGED": "two_bar", "SOLVERS": solvers, "FMPY_STEPS": 20}.items():
+        monkeypatch.setattr(fmu_speed, name, value)
+    (row,), (tight, loose) = fmu_speed.measure(1)
+    assert row["allocations"] in (0, None) and all(row[name]["min"] > 0.0 for name in fmu_speed.QUANTITIES)
+    assert row["fmpy"]["native"]["min"] > 0.0
+    for error, bound in (("driven_error", 1e-11), ("still_error", 1e-9)):
+        assert tight[error] < bound < loose[error]
+
+
 def test_steady_states_are_solved_and_waited_for():
     case = equilibrium_paths.Case("two_bar_nsh")
     case.up = case.sweep()
