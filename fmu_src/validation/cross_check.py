@@ -72,7 +72,7 @@ def write_cross_check(model: Model, folder: Path, naming: str = "structured", ca
 
 def inputs_of(table: tuple[Variable, ...], run: Scenario) -> tuple[list[str], list[np.ndarray]]:
     """Names of all inputs, and rows (time, values): start, end, and two rows at each jump."""
-    values, times = input_values(run), run.inputs.times
+    values, times = input_values(table, run), run.inputs.times
     found = [np.array([times[0], *values[0]])]
     for k in range(1, len(values)):
         if np.any(values[k] != values[k - 1]):

@@ -163,7 +163,7 @@ def run_outside(
         job: dict[str, Any] = {"fmu": str(fmu.absolute()), "runs": []}
         for i, run in enumerate(runs):
             with replacing(here / f"{i}.npz") as file:
-                np.savez(file, times=run.inputs.times, values=input_values(run))
+                np.savez(file, times=run.inputs.times, values=input_values(table, run))
             parameters = {row.name: value for row, value in _changed(table, model, run)}
             item = {"name": run.name, "arrays": str(here / f"{i}.npz"), "inputs": names, "parameters": parameters}
             job["runs"].append(item)
@@ -186,11 +186,9 @@ def _outcome(stored, run: Scenario, table: tuple[Variable, ...]):
     return outputs, events, float(stored[f"{run.name}/seconds"]) / (len(run.inputs.times) - 1)
 
 
-def input_values(run: Scenario) -> np.ndarray:
-    """(K, inputs) in the order of the variable table: all but the rest lengths of strings with an actuator."""
-    places = layout(run.model.counts)
-    wound = [places[name].start + i for name in ("rest_length", "rest_length_rate") for i in run.model.actuated]
-    return np.delete(kernel.input_rows(run.model, run.inputs), wound, axis=1)
+def input_values(table: tuple[Variable, ...], run: Scenario) -> np.ndarray:
+    """(K, inputs) in the order of the variable table."""
+    return kernel.input_rows(run.model, run.inputs)[:, [row.reference for row in table if row.causality == "input"]]
 
 
 def _changed(table: tuple[Variable, ...], model: Model, run: Scenario):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree as XML
 
@@ -11,63 +10,7 @@ from tensegrity_core.fields import METHOD_MEANINGS
 from tensegrity_core.model import Model
 
 from .interface import Variable
-
-#: Units by name: exponents of the base units.
-UNITS = {
-    "1": {},
-    "m": {"m": 1},
-    "s": {"s": 1},
-    "kg": {"kg": 1},
-    "m/s": {"m": 1, "s": -1},
-    "m/s2": {"m": 1, "s": -2},
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "N/m": {"kg": 1, "s": -2},
-    "N.s/m": {"kg": 1, "s": -1},
-    "J": {"kg": 1, "m": 2, "s": -2},
-    "A": {"A": 1},
-    "rad/s": {"rad": 1, "s": -1},
-    "kg.m2": {"kg": 1, "m": 2},
-    "N.m.s": {"kg": 1, "m": 2, "s": -1},
-    "N.m/A": {"kg": 1, "m": 2, "s": -2, "A": -1},
-}
-
-#: Units in which people read a quantity, by the unit of the FMU's values: name -> factor from that unit.  The first is the
-#: default where it is listed in DISPLAYED, else it is there to be chosen.
-DISPLAY_UNITS = {
-    "m": {"mm": 1e3, "cm": 1e2},
-    "s": {"ms": 1e3},
-    "kg": {"g": 1e3},
-    "m/s": {"mm/s": 1e3},
-    "N": {"kN": 1e-3},
-    "N/m": {"N/mm": 1e-3, "kN/m": 1e-3},
-    "J": {"mJ": 1e3},
-    "A": {"mA": 1e3},
-    "rad/s": {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi},
-    "kg.m2": {"kg.cm2": 1e4},
-    "N.m.s": {"mN.m.s": 1e3},
-    "N.m/A": {"mN.m/A": 1e3},
-}
-
-#: Units whose values are shown in the first of DISPLAY_UNITS unless the user chooses another.
-DISPLAYED = ("m", "s", "rad/s", "kg.m2")
-
-#: Quantities by unit, called as in the Modelica Standard Library.
-QUANTITIES = {
-    "m": "Length",
-    "s": "Time",
-    "kg": "Mass",
-    "m/s": "Velocity",
-    "m/s2": "Acceleration",
-    "N": "Force",
-    "N/m": "TranslationalSpringConstant",
-    "N.s/m": "TranslationalDampingConstant",
-    "J": "Energy",
-    "A": "ElectricCurrent",
-    "rad/s": "AngularVelocity",
-    "kg.m2": "MomentOfInertia",
-    "N.m.s": "RotationalDampingConstant",
-    "N.m/A": "ElectricalTorqueConstant",
-}
+from .units import UNITS
 
 #: Log categories of every FMU and what they carry.
 LOG_CATEGORIES = {
@@ -206,8 +149,8 @@ def _add_units(root: XML.Element, used: set[str]) -> None:
     units = XML.SubElement(root, "UnitDefinitions")
     for name in sorted(used):
         unit = XML.SubElement(units, "Unit", name=name)
-        XML.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[name].items()})
-        for shown, factor in DISPLAY_UNITS.get(name, {}).items():
+        XML.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[name].base.items()})
+        for shown, factor in UNITS[name].shown.items():
             XML.SubElement(unit, "DisplayUnit", name=shown, factor=repr(factor))
 
 
@@ -244,10 +187,11 @@ def _add_variable(scalars: XML.Element, row: Variable, index: dict[int, str]) ->
         value = getattr(row, name)
         if value is not None:
             kind.set(name, _text(value))
-    if row.unit in QUANTITIES:
-        kind.set("quantity", QUANTITIES[row.unit])
-    if row.unit in DISPLAYED:
-        kind.set("displayUnit", next(iter(DISPLAY_UNITS[row.unit])))
+    unit = UNITS[row.unit or "1"]
+    if unit.quantity:
+        kind.set("quantity", unit.quantity)
+    if unit.by_default:
+        kind.set("displayUnit", next(iter(unit.shown)))
     if row.derivative_of is not None:
         kind.set("derivative", index[row.derivative_of])
 

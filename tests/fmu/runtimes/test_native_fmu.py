@@ -85,19 +85,20 @@ def transitions(instance):
 def test_both_runtimes_give_the_same(name, pair):
     """5 s under a constant push, the square wave of 400 N at three dampings, moving rest lengths, an asymmetric push."""
     model, count = scene(name), 0
-    inputs, two = [row.name for row in variables(model) if row.causality == "input"], pair(name)
+    table, two = variables(model), pair(name)
     for run in scenarios(model):
-        (rows, events), (others, found) = (scenario(one, run, inputs) for one in two)
+        (rows, events), (others, found) = (scenario(one, run, table) for one in two)
         assert_alike(rows, others)
         assert found == events
         count += len(events)
     assert count > 0
 
 
-def scenario(one, run, inputs):
+def scenario(one, run, table):
     """Outputs and transitions of a run from a fresh start."""
     parameters = {f"{s}.damping": float(d) for s, d in zip(run.model.string_names, run.model.damping)}
-    rows, _, _ = outside.run(one, run.inputs.times, validate.input_values(run), inputs, parameters)
+    inputs = [row.name for row in table if row.causality == "input"]
+    rows, _, _ = outside.run(one, run.inputs.times, validate.input_values(table, run), inputs, parameters)
     found = transitions(one)
     one.messages.clear()
     one.fmu.reset()
