@@ -1,56 +1,54 @@
-"""The command `tensegrity`: its subcommands, and how they end."""
+"""The command `tensegrity`: its subcommands, and how they are run."""
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
+from typing import Annotated
 
-from .commands.check import check
-from .commands.common import Command, Parser, no_arguments, scene_argument
-from .commands.experiment import COMMAND as EXPERIMENT
-from .commands.modes import COMMAND as MODES
-from .commands.path import COMMAND as PATH
-from .commands.schema import schema
-from .commands.simulate import animate, animate_arguments, simulate, simulate_arguments
-from .commands.tower import tower, tower_arguments
-from .errors import TensegrityError
+import typer
+
+from . import __version__
+from .commands.program import Subcommand, group, run
 from .interrupts import program
+
+HERE = "tensegrity_core.commands"
+#: In the order in which one needs them.
+COMMANDS = {
+    "new": Subcommand(f"{HERE}.new", "write a scene file with comments, to begin with"),
+    "check": Subcommand(f"{HERE}.check", "check a scene file and summarise its structure"),
+    "simulate": Subcommand(f"{HERE}.simulate", "simulate a scene under constant forces"),
+    "animate": Subcommand(f"{HERE}.simulate", "film a scene under constant forces as a GIF"),
+    "build": Subcommand("fmu_src.build", "build FMUs and validate them against the reference"),
+    "path": Subcommand(f"{HERE}.path", "follow steady states under a slow load, through snaps"),
+    "modes": Subcommand(f"{HERE}.modes", "frequencies, damping and shapes of small motions"),
+    "experiment": Subcommand(f"{HERE}.experiment", "run one of the article's experiments"),
+    "tower": Subcommand(f"{HERE}.tower", "write the scene file of a tower of any number of stages"),
+    "schema": Subcommand(f"{HERE}.schema", "print the JSON schema of scene files"),
+    "doctor": Subcommand("fmu_src.doctor", "say what this installation has, and what is missing"),
+}
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"tensegrity {__version__}")
+        raise typer.Exit
+
+
+def _options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+) -> None:
+    """Tensegrity dynamics with negative stiffness honeycombs, and its FMUs.
+
+    Exit codes: 0 done; 1 done, but what was checked does not hold; 2 a mistake in what was asked, and nothing is written; 130
+    ended by Ctrl-C.
+    """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    parser = Parser(prog="tensegrity", description="Tensegrity dynamics with NSH.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        subparser = commands.add_parser(command.name, help=command.help, description=command.help)
-        command.arguments(subparser)
-        subparser.set_defaults(run=command.run)
-    chosen = parser.parse_args(arguments)
-    if hasattr(sys.stdout, "reconfigure"):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a description may have letters that the terminal's encoding lacks
-    try:
-        code = chosen.run(chosen)
-        sys.stdout.flush()  # a reader that has gone shows here, not at the interpreter's exit
-        return code
-    except TensegrityError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-
-
-COMMANDS = (
-    Command("check", "check a scene file and summarise its structure", scene_argument, check),
-    Command("tower", "write the scene file of a tower of any number of stages", tower_arguments, tower),
-    Command("simulate", "simulate a scene under constant forces", simulate_arguments, simulate),
-    Command("animate", "film a scene under constant forces as a GIF", animate_arguments, animate),
-    EXPERIMENT,
-    PATH,
-    MODES,
-    Command("schema", "print the JSON schema of scene files", no_arguments, schema),
-)
+    """Run the command; returns the exit code.  Without words it shows its help."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    return run(group(COMMANDS, _options), "tensegrity", words or ["--help"])
 
 
 if __name__ == "__main__":

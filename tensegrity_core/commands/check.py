@@ -2,84 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-
-import numpy as np
-
-from .. import statics
-from ..model import Model
-from .common import model_of
+from .options import Debug, Json, Scene
+from .program import tell
 
 
-def check(arguments: argparse.Namespace) -> int:
-    """Load a scene, build its model, and say what it is."""
-    print(summary(*model_of(arguments.scene)))
-    return 0
+def check(scene: Scene, json: Json = False, debug: Debug = False) -> None:
+    """Check a scene file and summarise its structure: statics, stability, member forces and rest lengths at the start."""
+    from ..output import structure_summary
+    from .words import model_of
 
-
-def summary(model: Model, start: str) -> str:
-    """What `tensegrity check` prints: counts, statics, and the start."""
-    axes = "".join("xyz"[axis] for axis in model.axes)
-    lines = [
-        f"{model.name}: {model.description}" if model.description else model.name,
-        f"  nodes: {len(model.nodes)} ({len(model.fixed_nodes)} fixed), axes {axes}",
-        f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
-        *_analysis(model),
-        f"  start: {start}, {_balance(model)}",
-        *_moves(model),
-        *_forces(model),
-    ]
-    return "\n".join(lines)
-
-
-def _balance(model: Model) -> str:
-    """Whether the start is an equilibrium, and then whether it is stable."""
-    force, node, equilibrium = statics.unbalanced(model)
-    if not equilibrium:
-        return f"not an equilibrium: up to {force:.3g} N stay unbalanced, at {model.node_names[node]}"
-    stable, lowest = statics.stability(model)
-    least = f" (lowest stiffness {lowest:z.4g} N/m)" if np.isfinite(lowest) else " (nothing has a stiffness)"
-    return f"largest unbalanced force {force:.1e} N, {'stable' if stable else 'unstable'}{least}"
-
-
-def _analysis(model: Model) -> list[str]:
-    """Rank, self-stress and mechanisms, or why there are none."""
-    try:
-        found = statics.analyse(model)
-    except statics.TooLarge as failure:
-        return [f"  no self-stress states and mechanisms: {failure}"]
-    return [
-        f"  equilibrium matrix: {found.equations} x {found.members}, rank {found.rank}",
-        f"  self-stress states: {found.self_stress.shape[1]}, mechanisms: {len(found.mechanisms)}, "
-        f"rigid-body motions: {found.rigid_body_motions}",
-    ]
-
-
-LISTED = 500  # nodes or members; of more than these, only the range is shown
-
-
-def _moves(model: Model) -> list[str]:
-    """How far each node is from its given coordinates."""
-    way = np.linalg.norm(model.nodes - model.nominal, axis=1)
-    if not way.any():
-        return ["  all nodes at the given coordinates"]
-    if len(way) > LISTED:
-        return [f"  moved from the given coordinates: up to {1e3 * way.max():.3f} mm"]
-    rows = [f"    {name}: {1e3 * d:.3f} mm" for name, d in zip(model.node_names, way) if d > 0.0]
-    return ["  moved from the given coordinates:", *rows]
-
-
-def _forces(model: Model) -> list[str]:
-    """Force of each member at the start, and each string's rest length."""
-    force, count = statics.member_forces(model), len(model.strings)
-    if len(force) > LISTED:
-        kinds = [("strings", force[:count]), ("bars", force[count:])]
-        rows = [f"    {kind}: {f.min():z.6g} to {f.max():z.6g} N" for kind, f in kinds if len(f)]
-        return ["  member forces (tension positive):", *rows]
-    strings = zip(model.string_names, force, model.rest_length)
-    bars = zip(model.bar_names, force[count:])
-    return [
-        "  member forces (tension positive):",
-        *(f"    {name}: {f:z.6g} N, rest length {xi:.6g} m" for name, f, xi in strings),
-        *(f"    {name}: {f:z.6g} N" for name, f in bars),
-    ]
+    model, start = model_of(scene)
+    tell(structure_summary.data(model, start) if json else structure_summary.summary(model, start))

@@ -2,58 +2,69 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from ..article.experiments import EXPERIMENTS, STEP, SYSTEMS, Experiment
+import typer
+
 from ..errors import InputError
-from ..output.export import write_columns
-from .common import Command, sample_times
+from .options import Debug
+
+if TYPE_CHECKING:
+    from ..article.experiments import Experiment
+
+NAMES = "I: steady heights; II: a square wave; III: top strings move; IV: a mass on an NSH; beam, nsh: force curves"
 
 
-def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.usage = "%(prog)s NAME [options]"  # NAME first: --systems takes all that follows it
-    about = "; ".join(f"{name}: {experiment.about}" for name, experiment in EXPERIMENTS.items())
-    parser.add_argument("name", metavar="NAME", choices=EXPERIMENTS, help=about)
-    parser.add_argument("--output", metavar="DIR", default=".", help="folder for the files, made if absent (default: this one)")
-    parser.add_argument("--duration", type=float, help="simulated time, s (default: in full length)")
-    parser.add_argument("--systems", nargs="+", choices=SYSTEMS, help="of I and III: which systems (default: all)")
+def experiment(
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"{NAMES}.")],
+    output: Annotated[str, typer.Option(metavar="DIR", help="Folder for the files, made if absent.")] = ".",
+    duration: Annotated[float | None, typer.Option(metavar="S", help="Simulated time, s (default: in full length).")] = None,
+    systems: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SYSTEM", help="Of I and III: which of two_bar, three_bar, six_bar (default: all)."),
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Run an experiment of the article, print its table, and write its figures and data."""
+    from ..article.experiments import EXPERIMENTS
+    from ..article.figures import write_figures
+    from ..output.export import write_columns
+    from .words import one_of
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Run an experiment, print its table, and write its figures and data."""
-    from ..article.figures import write_figures  # Matplotlib takes a second to import
-
-    name, experiment = arguments.name, EXPERIMENTS[arguments.name]
-    systems, duration = _systems(arguments, experiment), _duration(arguments, experiment)
-    folder = _folder(arguments.output)
-    data = experiment.run(systems, duration)
-    stem = folder / f"experiment_{name}"
-    table = stem.with_suffix(".csv")
+    chosen = EXPERIMENTS[one_of("NAME", name, EXPERIMENTS)]
+    wanted, seconds = _systems(name, systems, chosen), _duration(name, duration, chosen)
+    folder = _folder(output)
+    data = chosen.run(wanted, seconds)
+    table = folder / f"experiment_{name}.csv"
     write_columns(data.columns(), table)
-    files = [table, *write_figures(name, data, stem)]
-    print(f"{name}: {experiment.about}" + ("" if duration is None else f", {duration:g} s"))
+    files = [table, *write_figures(name, data, table.with_suffix(""))]
+    print(f"{name}: {chosen.about}" + ("" if seconds is None else f", {seconds:g} s"))
     print(data.summary())
     print(f"  written: {', '.join(str(file) for file in files)}")
-    return 0
 
 
-def _systems(arguments: argparse.Namespace, experiment: Experiment) -> tuple[str, ...]:
+def _systems(name: str, asked: list[str] | None, experiment: Experiment) -> tuple[str, ...]:
     """Without doubles, in the article's order."""
-    if arguments.systems and not experiment.many:
-        shown = " ".join(arguments.systems)
-        raise InputError(f"--systems {shown}: {arguments.name} has one system only; leave the option out")
-    return tuple(name for name in SYSTEMS if name in (arguments.systems or SYSTEMS))
+    from ..article.experiments import SYSTEMS
+    from .words import one_of
+
+    if asked and not experiment.many:
+        raise InputError(f"--systems {' '.join(asked)}: {name} has one system only; leave the option out")
+    known = [one_of("--systems", system, SYSTEMS) for system in asked or SYSTEMS]
+    return tuple(system for system in SYSTEMS if system in known)
 
 
-def _duration(arguments: argparse.Namespace, experiment: Experiment) -> float | None:
+def _duration(name: str, asked: float | None, experiment: Experiment) -> float | None:
     """s; None where nothing moves in time."""
-    if arguments.duration is None:
+    from ..article.experiments import STEP
+    from .words import sample_times
+
+    if asked is None:
         return experiment.duration
     if experiment.duration is None:
-        problem = f"--duration = {arguments.duration!r}: {arguments.name} is a curve, not a motion"
-        raise InputError(f"{problem}; leave the option out")
-    return float(sample_times(arguments.duration, STEP)[-1])
+        raise InputError(f"--duration = {asked!r}: {name} is a curve, not a motion; leave the option out")
+    return float(sample_times(asked, STEP)[-1])
 
 
 def _folder(text: str) -> Path:
@@ -63,6 +74,3 @@ def _folder(text: str) -> Path:
     except OSError as failure:
         raise InputError(f"--output {text}: no such folder can be made: {failure.strerror}; name another one") from failure
     return folder
-
-
-COMMAND = Command("experiment", "run an experiment of the article, with its figures and data", _arguments, run)

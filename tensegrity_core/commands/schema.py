@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 
-from ..scene import schema_text
+from .options import Debug
 
 
-def schema(arguments: argparse.Namespace) -> int:
-    """Print the JSON schema of scene files."""
+def schema(debug: Debug = False) -> None:
+    """Print the JSON schema of scene files, for editors that complete and check them."""
+    from ..scene import schema_text
+
     sys.stdout.write(schema_text())
-    return 0

@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from typing import Annotated
 
-from ..files import write_text
-from ..output.export import require_writable
-from ..scene.towers import MOST_STAGES, tower_text
+import typer
 
-
-def tower_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("stages", metavar="STAGES", type=int, help=f"number of stages, 1 to {MOST_STAGES}")
-    parser.add_argument("--nsh", action="store_true", help="put the article's NSH into vertical and upper diagonal strings")
-    parser.add_argument("--gravity", type=float, help="m/s2 (default 9.81 for one or two stages, else 0)")
-    parser.add_argument("--tension", type=float, help="of inner saddle strings, N; all others go with it (default 40)")
-    parser.add_argument("--stiffness", type=float, default=5000.0, help="of all strings, N/m (default %(default)g)")
-    parser.add_argument("--damping", type=float, default=500.0, help="of all strings, N s/m (default %(default)g)")
-    parser.add_argument("--mass", type=float, default=1.0, help="of each bar, kg (default %(default)g)")
-    parser.add_argument("--output", metavar="FILE", help="the .toml file to write (default: standard output)")
+from .options import Debug
 
 
-def tower(arguments: argparse.Namespace) -> int:
-    """Write the scene file of a tower of so many stages."""
-    output = arguments.output and require_writable(arguments.output, (".toml",))
-    options = {name: getattr(arguments, name) for name in ("gravity", "tension", "stiffness", "damping", "mass")}
-    text = tower_text(arguments.stages, arguments.nsh, **options)
-    if not output:
+def tower(
+    stages: Annotated[int, typer.Argument(metavar="STAGES", help="Number of stages, 1 to 1000.")],
+    nsh: Annotated[bool, typer.Option("--nsh", help="Put the article's NSH into vertical and upper diagonal strings.")] = False,
+    gravity: Annotated[float | None, typer.Option(help="m/s2 (default: 9.81 for one or two stages, else 0).")] = None,
+    tension: Annotated[
+        float | None, typer.Option(help="Of inner saddle strings, N; all others go with it (default: 40).")
+    ] = None,
+    stiffness: Annotated[float, typer.Option(help="Of all strings, N/m.")] = 5000.0,
+    damping: Annotated[float, typer.Option(help="Of all strings, N s/m.")] = 500.0,
+    mass: Annotated[float, typer.Option(help="Of each bar, kg.")] = 1.0,
+    output: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The .toml file to write (default: standard output).")
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Write the scene file of a tower of any number of stages."""
+    from ..files import write_text
+    from ..output.export import require_writable
+    from ..scene.towers import tower_text
+
+    path = require_writable(output, (".toml",)) if output else None
+    text = tower_text(stages, nsh, gravity=gravity, tension=tension, stiffness=stiffness, damping=damping, mass=mass)
+    if not path:
         sys.stdout.write(text)
-        return 0
-    write_text(output, text)
-    print(f"{3 * arguments.stages} bars written to {output}; see its equilibrium with: tensegrity check {output}")
-    return 0
+        return
+    write_text(path, text)
+    print(f"{3 * stages} bars written to {path}; see its equilibrium with: tensegrity check {path}")

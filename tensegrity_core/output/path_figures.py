@@ -7,36 +7,19 @@ branch points, squares kinks and loose ends; dotted arrows show where the struct
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..equilibria.loading import Loading
 from ..equilibria.paths import Path
-from ..equilibria.points import Point
 from ..equilibria.steady_states import Jump, Sweep
+from .path_table import Quantity
 from .plots import new_figure
 
 UP, DOWN, BEHIND = "#1f5fa8", "#d1495b", "#6b705c"
 FINE = 12  # parts into which a path's step is drawn
-
-
-class Quantity(NamedTuple):
-    """The coordinate that a picture shows: its name, node and axis."""
-
-    name: str
-    node: int
-    axis: int
-
-    def of(self, path: Path, point: Point) -> float:
-        """m."""
-        return float(path.equations.nodes(point.free)[self.node, self.axis])
-
-    def rate(self, path: Path, point: Point) -> float:
-        """Its derivative by the arc at a point."""
-        place = path.equations.place[self.node, path.equations.model.axes.index(self.axis)]
-        return float(point.direction[place]) if place >= 0 else 0.0
 
 
 def curve(path: Path, quantity: Quantity, fine: int = FINE) -> tuple[np.ndarray, np.ndarray]:
@@ -111,3 +94,13 @@ def path_figure(name: str, sweeps: dict[str, Sweep], behind: list[Path], quantit
     axes.legend(frameon=False)
     figure.tight_layout()
     return figure
+
+
+def way(name: str, sweep: Sweep) -> str:
+    """The label of a leg, "there" or "back"."""
+    first, last = sweep.parameters[[0, -1]]
+    return f"p from {first:g} to {last:g}" if name == "there" else f"back to {last:g}"
+
+
+def load_label(loading: Loading) -> str:
+    return "p" if loading.rest_length_direction.any() else "p, load factor"

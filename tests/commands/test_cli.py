@@ -10,9 +10,9 @@ from PIL import Image
 
 from fmu_src.variables.interface import variables
 from tensegrity_core.cli import main
-from tensegrity_core.commands.simulate import end_of_run
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
+from tensegrity_core.output.run_summary import end_of_run
 from tensegrity_core.scene import load_scene
 from tensegrity_core.scene.towers import tower
 from tensegrity_core.statics import build_model
@@ -149,7 +149,7 @@ def test_bad_sampling_is_named(command, options, words, tmp_path, capsys):
     ],
 )
 def test_bad_outputs_are_refused_before_the_run(command, output, words, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("tensegrity_core.commands.simulate.run_kernel", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr("tensegrity_core.kernel.simulate", lambda *_: pytest.fail("it ran"))
     (tmp_path / "folder.csv").mkdir()
     assert main([command, "two_bar", "--output", str(tmp_path / output)]) == 2
     shown = capsys.readouterr().err

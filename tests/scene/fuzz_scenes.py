@@ -27,10 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_core.commands.check import summary
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
+from tensegrity_core.output.structure_summary import summary
 from tensegrity_core.scene import SCENE_FOLDER, load_scene, parse_scene
 from tensegrity_core.statics import build_model
 

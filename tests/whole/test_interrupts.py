@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tensegrity_core import cli, interrupts
-from tensegrity_core.commands import tower
+from tensegrity_core import cli, files, interrupts
 from tensegrity_core.files import scratch, write_text
 from tests.whole.test_files import sources
 
@@ -283,7 +282,7 @@ program(main)
 
 
 def test_an_interrupted_command_writes_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(tower, "write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(files, "write_text", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     words = ["tower", "1", "--output", str(tmp_path / "tower.toml")]
     assert interrupts.interruptible(lambda: cli.main(words)) == 130
     assert not list(tmp_path.iterdir()) and capsys.readouterr().err == "interrupted\n"

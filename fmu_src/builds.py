@@ -1,0 +1,238 @@
+"""Builds FMUs of scenes, validates them against the reference, and says how it went."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tensegrity_core.errors import InputError, TensegrityError, shown
+from tensegrity_core.model import Model
+from tensegrity_core.native.build import TARGETS
+from tensegrity_core.scene import Scene, load_scene
+from tensegrity_core.statics import build_model
+
+from .packing.actuator import detached
+from .packing.libraries import cross_compiled, here
+from .packing.native_fmu import pack_native_fmu
+from .packing.pack import pack_python_fmu
+from .validation.cross_check import write_cross_check
+from .validation.reference_cache import trouble
+from .validation.report import write_report
+from .validation.scenarios import Scenario, scenarios
+from .validation.trials import trials
+from .validation.validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is built of each scene, and how it is checked.
+
+    scenes: names or paths; runtimes: of "native", "python"; platforms: beside this one, keys of TARGETS; sources,
+    cross_check: of native FMUs; simple: see Contents; apart: actuators as FMUs of their own; cache: folder of reference
+    runs, None for none; json: the table as JSON on standard output, and everything else on standard error.
+    """
+
+    scenes: tuple[str, ...]
+    runtimes: tuple[str, ...] = ("native", "python")
+    platforms: tuple[str, ...] = ()
+    sources: bool = False
+    simple: bool = False
+    cross_check: Path | None = None
+    output: Path = Path("dist")
+    apart: bool = False
+    naming: str = "structured"
+    validate: bool = True
+    thorough: bool = False
+    cache: Path | None = CACHE
+    json: bool = False
+
+    def __post_init__(self):
+        """Raises InputError."""
+        if not self.scenes:
+            raise InputError("no scene is named; name one, or give --all")
+        if self.simple and self.validate:
+            raise InputError("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
+        if self.thorough and not self.validate:
+            raise InputError("--thorough is a kind of validation: leave it or --no-validate out")
+        native = [option for option, given in (("--sources", self.sources), ("--cross-check", self.cross_check)) if given]
+        if native and "native" not in self.runtimes:
+            raise InputError(f"{', '.join(native)}: for native FMUs, which --runtime python leaves out")
+
+    def say(self, text: str) -> None:
+        """A line for whoever waits, at once, wherever it goes."""
+        print(text, file=sys.stderr if self.json else sys.stdout, flush=True)
+
+
+def platforms(text: str) -> tuple[str, ...]:
+    """Keys of TARGETS out of what follows --platforms.  Raises InputError."""
+    names = tuple(name for name in map(str.strip, text.split(",")) if name)
+    if names == ("all",):
+        return tuple(TARGETS)
+    for name in names:
+        if name not in TARGETS:
+            raise InputError(f"--platforms: no platform is called {name!r}; use {', '.join(TARGETS)}, or all")
+    return names
+
+
+def make(options: Options) -> int:
+    """Build and validate.  Returns the exit code: 0; 1 where a bound was passed or a validation failed; 2 where nothing
+    could be built."""
+    built: dict[tuple[str, str], Path] = {}
+    try:
+        here()
+        models = unique([load_scene(scene) for scene in options.scenes])
+        apart = take_apart(models) if options.apart else {}
+        compile_first(options)
+        for model in apart.values():
+            for runtime in options.runtimes:
+                options.say(f"wrote {pack(model, runtime, options)}")
+        for name, model in models.items():
+            for runtime in options.runtimes:
+                built[name, runtime] = pack(model, runtime, options)
+                options.say(f"wrote {built[name, runtime]}")
+            if options.cross_check:
+                place = write_cross_check(model, options.cross_check, options.naming, options.cache, **contents(options))
+                options.say(f"wrote {place}")
+    except (TensegrityError, OSError) as error:
+        print(f"error: {shown(str(error))}", file=sys.stderr)
+        return 2
+    return validate(models, built, options) if options.validate else 0
+
+
+def compile_first(options: Options) -> None:
+    """Compile the libraries for other platforms, which takes long, and say so.  Raises TensegrityError."""
+    kinds = {"native": ["native"], "python": ["python", "kernel"]}
+    for kind in [kind for runtime in options.runtimes for kind in kinds[runtime]]:
+        for name in options.platforms:
+            cross_compiled(name, options.say, kind)
+
+
+def pack(model: Model, runtime: str, options: Options) -> Path:
+    path = options.output / runtime / f"{model.name}.fmu"
+    if runtime == "python":
+        return pack_python_fmu(model, path, options.naming, simple=options.simple, platforms=options.platforms)
+    return pack_native_fmu(model, path, options.naming, **contents(options))
+
+
+def contents(options: Options) -> dict:
+    """What may be in native FMUs, see native_fmu.Contents."""
+    return {"platforms": options.platforms, "sources": options.sources, "simple": options.simple}
+
+
+def unique(scenes: list[Scene]) -> dict[str, Model]:
+    """Models by name; a file that was named twice counts once.  Raises TensegrityError where two files would become one FMU."""
+    found: dict[str, Model] = {}
+    for scene in {Path(scene.file).resolve(): scene for scene in scenes}.values():
+        if scene.name in found:
+            raise TensegrityError(f"two scenes have the name {scene.name!r}; give one of them another `name`")
+        found[scene.name] = build_model(scene)
+    return found
+
+
+def take_apart(models: dict[str, Model]) -> dict[str, Model]:
+    """Takes the actuators out of the models, in place; returns theirs by name.  Raises TensegrityError where there are none."""
+    found: dict[str, Model] = {}
+    for name, model in models.items():
+        if not model.actuated:
+            remedy = "give one of its strings one, or leave the option out"
+            raise TensegrityError(f"--detach-actuators: {name} has no actuator; {remedy}")
+        models[name], actuators = detached(model)
+        found |= {actuator.name: actuator for actuator in actuators.values()}
+    return found
+
+
+def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], options: Options) -> int:
+    """Validate all FMUs, the reference runs of all of them side by side; prints the table, writes the reports."""
+    told = Notes(trouble(options.cache))
+    runs = {name: runs_of(model, options.thorough) for name, model in models.items()}
+    outside, status = {}, 0
+    for (name, runtime), path in built.items():
+        options.say(f"  {name}, {runtime}: running from outside under {len(runs[name])} inputs")
+        try:
+            outside[name, runtime] = run_outside(path, models[name], options.naming, repeated(runs[name]))
+        except TensegrityError as error:
+            status = fail(f"{name}, {runtime}", error)
+    with workers() as executor:
+        started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
+        table, found = [HEAD], []
+        for (name, runtime), results in outside.items():
+            try:
+                validation = finish(
+                    models[name], runtime, runs[name], results, started[name], executor, options.cache, options.say
+                )
+            except TensegrityError as error:
+                status = fail(f"{name}, {runtime}", error)
+                continue
+            report = built[name, runtime].with_suffix(".html")
+            write_report(validation, report)
+            table.append(row(validation))
+            found.append(data(validation, built[name, runtime], report))
+            for future in started[name]:
+                told.add(*future.result().notes)
+            for failure in validation.failures:
+                status = fail(f"{name}, {runtime}", f"{failure}; see {report}")
+        if options.json:
+            print(json.dumps(found, indent=2, allow_nan=False))
+        else:
+            options.say("\n".join(table))
+    return status
+
+
+def runs_of(model: Model, thorough: bool) -> list[Scenario]:
+    """What an FMU is validated under."""
+    return trials(model) + (scenarios(model, thorough=True) if thorough else [])
+
+
+class Notes:
+    """Says each thing once, on stderr."""
+
+    def __init__(self, *first: str | None):
+        self._said: set[str] = set()
+        self.add(*(text for text in first if text))
+
+    def add(self, *texts: str) -> None:
+        for text in texts:
+            if text not in self._said:
+                self._said.add(text)
+                print(f"note: {text}", file=sys.stderr, flush=True)
+
+
+def fail(name: str, reason: object) -> int:
+    print(f"FAILED {name}: {reason}", file=sys.stderr, flush=True)
+    return 1
+
+
+HEAD = f"{'scene':<16}{'runtime':<9}{'position error':>15}{'force error':>13}{'step':>11}{'real time':>11}"
+
+
+def row(validation: Validation) -> str:
+    """A line of the table: largest errors, wall time of a communication step, simulated time over wall time, and a remark."""
+    return (
+        f"{validation.model.name:<16}{validation.runtime:<9}{validation.position:>13.1e} m{validation.force:>11.1e} N"
+        f"{1e6 * validation.seconds:>8.0f} us{validation.factor:>10.0f}x{remark(validation)}"
+    )
+
+
+def remark(validation: Validation) -> str:
+    """Which scenarios were compared for a part of their time only, and until when."""
+    cut = [f"{run.scenario.short} compared until {run.until:g} s" for run in validation.cut]
+    return f"  {'; '.join(cut)}, as far as {'its' if len(cut) == 1 else 'their'} sensitivity allows" if cut else ""
+
+
+def data(validation: Validation, fmu: Path, report: Path) -> dict[str, Any]:
+    """The same, as JSON takes it: m, N, s."""
+    return {
+        "scene": validation.model.name,
+        "runtime": validation.runtime,
+        "fmu": str(fmu),
+        "report": str(report),
+        "position_error": validation.position,
+        "force_error": validation.force,
+        "seconds_per_step": validation.seconds,
+        "real_time_factor": validation.factor,
+        "compared_until": {run.scenario.short: run.until for run in validation.cut},
+        "failures": [str(failure) for failure in validation.failures],
+    }

@@ -1,0 +1,42 @@
+"""How a run went and where it ended: the text of `tensegrity simulate`, and the same as data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..model import Model, Result
+
+
+def end_of_run(model: Model, result: Result) -> str:
+    """What `tensegrity simulate` prints: the cost of the run, and where it ended."""
+    stats, places = result.stats, zip(model.node_names, result.position[-1, :, list(model.axes)].T)
+    rows = [f"    {name}: {', '.join(f'{x:z.6f}' for x in place)}" for name, place in places]
+    forces = [f"    {name}: {force:z.6g}" for name, force in zip(model.string_names, result.string_force[-1])]
+    return "\n".join(
+        [
+            f"{model.name}: {result.times[-1]:g} s in {stats['steps']} steps, {len(result.transitions)} transitions, "
+            f"energy ledger closed to {result.ledger_error():.1e}",
+            f"  nodes at the end, {', '.join('xyz'[axis] for axis in model.axes)} in m:",
+            *rows,
+            "  string forces at the end in N:",
+            *forces,
+        ]
+    )
+
+
+def data(model: Model, result: Result) -> dict[str, Any]:
+    """The same, as JSON takes it: s, m, N, J."""
+    events = [
+        {"time": t.time, "string": model.string_names[t.string], "before": t.before, "after": t.after, "loss": t.loss}
+        for t in result.transitions
+    ]
+    axes = list(model.axes)
+    return {
+        "scene": model.name,
+        "time": float(result.times[-1]),
+        "statistics": {name: int(count) for name, count in result.stats.items()},
+        "transitions": events,
+        "ledger_error": result.ledger_error(),
+        "nodes": dict(zip(model.node_names, result.position[-1][:, axes].tolist())),
+        "string_forces": dict(zip(model.string_names, result.string_force[-1].tolist())),
+    }

@@ -1,0 +1,115 @@
+"""What a scene is, and whether it stands: the text of `tensegrity check`, and the same as data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .. import statics
+from ..model import Model
+
+
+def summary(model: Model, start: str) -> str:
+    """What `tensegrity check` prints: counts, statics, and the start."""
+    axes = "".join("xyz"[axis] for axis in model.axes)
+    lines = [
+        f"{model.name}: {model.description}" if model.description else model.name,
+        f"  nodes: {len(model.nodes)} ({len(model.fixed_nodes)} fixed), axes {axes}",
+        f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
+        *_analysis(model),
+        f"  start: {start}, {_balance(model)}",
+        *_moves(model),
+        *_forces(model),
+    ]
+    return "\n".join(lines)
+
+
+def _balance(model: Model) -> str:
+    """Whether the start is an equilibrium, and then whether it is stable."""
+    force, node, equilibrium = statics.unbalanced(model)
+    if not equilibrium:
+        return f"not an equilibrium: up to {force:.3g} N stay unbalanced, at {model.node_names[node]}"
+    stable, lowest = statics.stability(model)
+    least = f" (lowest stiffness {lowest:z.4g} N/m)" if np.isfinite(lowest) else " (nothing has a stiffness)"
+    return f"largest unbalanced force {force:.1e} N, {'stable' if stable else 'unstable'}{least}"
+
+
+def _analysis(model: Model) -> list[str]:
+    """Rank, self-stress and mechanisms, or why there are none."""
+    try:
+        found = statics.analyse(model)
+    except statics.TooLarge as failure:
+        return [f"  no self-stress states and mechanisms: {failure}"]
+    return [
+        f"  equilibrium matrix: {found.equations} x {found.members}, rank {found.rank}",
+        f"  self-stress states: {found.self_stress.shape[1]}, mechanisms: {len(found.mechanisms)}, "
+        f"rigid-body motions: {found.rigid_body_motions}",
+    ]
+
+
+LISTED = 500  # nodes or members; of more than these, only the range is shown
+
+
+def _moves(model: Model) -> list[str]:
+    """How far each node is from its given coordinates."""
+    way = np.linalg.norm(model.nodes - model.nominal, axis=1)
+    if not way.any():
+        return ["  all nodes at the given coordinates"]
+    if len(way) > LISTED:
+        return [f"  moved from the given coordinates: up to {1e3 * way.max():.3f} mm"]
+    rows = [f"    {name}: {1e3 * d:.3f} mm" for name, d in zip(model.node_names, way) if d > 0.0]
+    return ["  moved from the given coordinates:", *rows]
+
+
+def _forces(model: Model) -> list[str]:
+    """Force of each member at the start, and each string's rest length."""
+    force, count = statics.member_forces(model), len(model.strings)
+    if len(force) > LISTED:
+        kinds = [("strings", force[:count]), ("bars", force[count:])]
+        rows = [f"    {kind}: {f.min():z.6g} to {f.max():z.6g} N" for kind, f in kinds if len(f)]
+        return ["  member forces (tension positive):", *rows]
+    strings = zip(model.string_names, force, model.rest_length)
+    bars = zip(model.bar_names, force[count:])
+    return [
+        "  member forces (tension positive):",
+        *(f"    {name}: {f:z.6g} N, rest length {xi:.6g} m" for name, f, xi in strings),
+        *(f"    {name}: {f:z.6g} N" for name, f in bars),
+    ]
+
+
+def data(model: Model, start: str) -> dict[str, Any]:
+    """The same, as JSON takes it: m, N, N/m; what does not apply is null."""
+    off, node, equilibrium = statics.unbalanced(model)
+    stable, lowest = statics.stability(model) if equilibrium else (None, np.nan)
+    try:
+        found = statics.analyse(model)
+    except statics.TooLarge:
+        structure = None
+    else:
+        structure = {
+            "equations": found.equations,
+            "members": found.members,
+            "rank": found.rank,
+            "self_stress_states": found.self_stress.shape[1],
+            "mechanisms": len(found.mechanisms),
+            "rigid_body_motions": found.rigid_body_motions,
+        }
+    force = statics.member_forces(model).tolist()
+    return {
+        "scene": model.name,
+        "description": model.description,
+        "axes": [*("xyz"[axis] for axis in model.axes)],
+        "nodes": dict(zip(model.node_names, model.nodes[:, list(model.axes)].tolist())),
+        "fixed": [model.node_names[i] for i in model.fixed_nodes],
+        "start": start,
+        "equilibrium": bool(equilibrium),
+        "unbalanced_force": float(off),
+        "at": model.node_names[node],
+        "stable": None if stable is None else bool(stable),
+        "lowest_stiffness": float(lowest) if np.isfinite(lowest) else None,
+        "structure": structure,
+        "forces": dict(zip((*model.string_names, *model.bar_names), force)),
+        "rest_lengths": dict(zip(model.string_names, model.rest_length.tolist())),
+        "honeycombs": [model.string_names[i] for i in model.nsh_strings],
+    }
