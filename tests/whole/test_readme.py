@@ -49,6 +49,7 @@ WRITTEN = {
         "results/experiment_IV_figure_10.svg",
     ),
     "docs/fmu.md": ("dist/native/three_bar_nsh.fmu",),
+    "docs/command-line.md": ("mast.csv", "scene.schema.json", "dist/native/mast.fmu", "check.json", "path.json"),
     "docs/equilibrium-paths.md": ("path.svg", "path.csv", "modes.svg", "modes.csv"),
 }
 
