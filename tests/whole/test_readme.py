@@ -43,7 +43,6 @@ WRITTEN = {
         "mast.gif",
         "path.csv",
         "modes.png",
-        "scene.schema.json",
         "three_bar_nsh.png",
         "experiment_I.csv",
         "results/experiment_IV_figure_10.svg",
