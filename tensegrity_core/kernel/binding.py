@@ -259,7 +259,7 @@ class Kernel:
         """What a transition means for its string: 'slack', 'taut', how many of its NSH's beams are snapped where that changes,
         what a snap loses, or '' (a kink of the force curve)."""
         pieces = transition.before, transition.after
-        before, after = (self._library.ts_snapped(self._sim, transition.string, piece) for piece in pieces)
+        before, after = (self.snapped_on(transition.string, piece) for piece in pieces)
         found = []
         if 0 in pieces and pieces != (0, 0):
             found.append("slack" if transition.after == 0 else "taut")
@@ -268,6 +268,10 @@ class Kernel:
         if transition.loss > 0.0:
             found.append(f"{transition.loss!r} J lost")
         return ", ".join(found)
+
+    def snapped_on(self, string: int, piece: int) -> int:
+        """Beams of a string that are past their force maximum on a piece, as transitions have it."""
+        return self._library.ts_snapped(self._sim, string, piece)
 
     @property
     def transition_count(self) -> int:

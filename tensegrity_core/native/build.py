@@ -8,6 +8,7 @@ The FMI headers are those of the installed fmpy.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import platform as machine
@@ -16,8 +17,9 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+import types
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 try:
     from hatchling.builders.hooks.plugin.interface import BuildHookInterface
@@ -77,6 +79,11 @@ HOSTS = {
     ("darwin", "x86_64"): "darwin64",
     ("darwin", "arm64"): "aarch64-darwin",
 }
+
+#: Of the kernel for web pages: what a page calls (output/page/web/kernel.js), and how it is compiled, with vectors for pairs.
+WEB_CALLS = """create free counts values integers real_count integer_count time message status_name reset check initialize step
+    output_first transition_count transition_stored transitions stats state_size save restore""".split()
+WEB_FLAGS = ["-target", "wasm32-wasi", "-mexec-model=reactor", "-msimd128"]
 
 
 def system_compiler() -> list[str] | None:
@@ -146,12 +153,16 @@ def fmi_headers() -> Path:
 
 
 def _compile(target: Path, command: list[str], sources: list[Path], options: list[str], windows: bool) -> Path:
-    """Compile a library that appears whole or not at all.  Raises RuntimeError with the compiler's words."""
+    extra = [] if windows else ["-fPIC", "-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
+    return _whole(target, [*command, *FLAGS, *options, *map(str, sources), *extra])
+
+
+def _whole(target: Path, command: list[str]) -> Path:
+    """Run a compiler whose file appears whole or not at all.  Raises RuntimeError with the compiler's words."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         fresh = Path(scratch) / target.name
-        extra = [] if windows else ["-fPIC", "-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
-        line = [*command, *FLAGS, *options, *map(str, sources), *extra, "-o", str(fresh)]
+        line = [*command, "-o", str(fresh)]
         run = subprocess.run(line, capture_output=True, text=True, errors="replace")  # it names paths, which are bytes
         if run.returncode:
             raise RuntimeError(f"compiling {target.name} failed; command: {' '.join(line)}\n{run.stderr}")
@@ -192,6 +203,14 @@ def compile_kernel(target: Path, platform: str | None = None) -> Path:
     return _compile_for(platform, target, kernel_sources(), [f"-I{HERE}"])
 
 
+def compile_web_kernel(target: Path) -> Path:
+    """The kernel as a WebAssembly module that imports nothing, by zig, into this file.  Raises RuntimeError."""
+    exports = [f"-Wl,--export={name}" for name in ("malloc", *(f"ts_{call}" for call in WEB_CALLS))]
+    flags = [flag for flag in FLAGS if flag != "-shared"]
+    command = [sys.executable, "-m", "ziglang", "cc", *WEB_FLAGS, *flags, "-s", "-DTS_INTERNAL", f"-I{HERE}"]
+    return _whole(target, [*command, *map(str, kernel_sources()), *exports])
+
+
 class KernelHook(BuildHookInterface):
     """Builds the libraries for wheels and editable installs alike."""
 
@@ -208,6 +227,8 @@ class KernelHook(BuildHookInterface):
         if platform := os.environ.get(WHEEL_FOR):
             self._cross_compile(platform, build_data)
             return
+        if version != "editable":  # there it is built at the first use
+            self._build_page(build_data)
         libraries = [
             compile_library(HERE),
             compile_fmu_library(RUNTIME / FMU_LIBRARY),
@@ -220,6 +241,7 @@ class KernelHook(BuildHookInterface):
         """Libraries for another platform go into the wheel only: the tree keeps those of this one.  Raises RuntimeError."""
         if platform not in TARGETS:
             raise RuntimeError(f"{WHEEL_FOR} = {platform!r} is no platform; use one of {', '.join(TARGETS)}")
+        self._build_page(build_data, needed=True)
         self._scratch = tempfile.TemporaryDirectory()
         compilers = {
             "kernel": (HERE, compile_kernel),
@@ -230,6 +252,34 @@ class KernelHook(BuildHookInterface):
             library = compiler(Path(self._scratch.name) / file_name(kind, platform), platform)
             build_data["force_include"][str(library)] = (folder / library.name).relative_to(Path(self.root)).as_posix()
         build_data["tag"] = f"py3-none-{TARGETS[platform].tag}"
+
+    def _build_page(self, build_data: dict, needed: bool = False) -> None:
+        """What web pages have in common goes into the wheel only; in the tree it is kept for the next time.
+
+        needed: raise RuntimeError where the tools are missing, else the wheel does without, and `tensegrity view` builds it.
+        """
+        place = HERE.parent / "output" / "page"
+        bundle: Any = types.ModuleType("bundle")
+        bundle.__file__ = str(place / "bundle.py")
+        exec((place / "bundle.py").read_text(encoding="utf-8"), vars(bundle))  # the package cannot be imported yet
+        if missing := bundle.missing():
+            problem = f"web pages are not built into the wheel, for want of {' and '.join(missing)}"
+            if needed:
+                raise RuntimeError(f"{problem}: pip install {' '.join(missing)}")
+            self.app.display_warning(problem)
+            return
+        this = types.SimpleNamespace(**globals())  # the builder keeps this module among no others
+        folder = Path(self.root) / "build" / "page" / bundle.digest(this)
+        if not folder.is_dir():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=folder.parent) as work:
+                fresh = Path(work) / "files"
+                fresh.mkdir()
+                bundle.make(fresh, this)
+                with contextlib.suppress(OSError):  # another build was faster
+                    fresh.rename(folder)
+        for name in bundle.FILES:
+            build_data["force_include"][str(folder / name)] = (place / "built" / name).relative_to(Path(self.root)).as_posix()
 
     def finalize(self, version: str, build_data: dict, artifact_path: str) -> None:
         if hasattr(self, "_scratch"):

@@ -15,7 +15,13 @@ PACKAGES = ("tensegrity_core", "fmu_src", "benchmarks")
 FLOORS = (
     ("tensegrity_core",),  # the package's own docstring and version
     ("tensegrity_core.errors", "tensegrity_core.interrupts"),
-    ("tensegrity_core.quantities", "tensegrity_core.files", "tensegrity_core.processes", "tensegrity_core.native"),
+    (
+        "tensegrity_core.quantities",
+        "tensegrity_core.files",
+        "tensegrity_core.processes",
+        "tensegrity_core.places",
+        "tensegrity_core.native",
+    ),
     ("tensegrity_core.fields",),
     ("tensegrity_core.model",),
     ("tensegrity_core.laws", "tensegrity_core.kernel", "tensegrity_core.scene"),

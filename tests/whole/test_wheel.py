@@ -9,6 +9,7 @@ import ast
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -22,6 +23,8 @@ import numpy as np
 import pytest
 
 from tensegrity_core.native import build
+from tensegrity_core.output.page import bundle
+from tensegrity_core.output.page.made import BUILT, folder_of_parts
 from tensegrity_core.scene import builtin_scenes
 from tests.conftest import interpreter, once
 
@@ -57,6 +60,9 @@ def build_wheel(folder: Path) -> Path:
     with tarfile.open(archive) as files:
         files.extractall(folder / "source", filter="data")
     (source,) = (folder / "source").iterdir()
+    if not bundle.missing():  # what is the same for all pages need not be built twice
+        made = folder_of_parts()
+        shutil.copytree(made, source / made.relative_to(ROOT))
     call([*hatch, "--target", "wheel", "--directory", folder], source)
     (wheel,) = folder.glob("*.whl")
     return wheel
@@ -104,7 +110,8 @@ def test_the_wheel_holds_what_the_clone_holds(home):
     compiled = {".so", ".dll", ".dylib"}
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*") if path.is_file()]
     kept = [path for path in paths if path in made or (path.suffix not in compiled and "__pycache__" not in path.parts)]
-    assert found == {path.relative_to(ROOT).as_posix() for path in kept}
+    pages = [] if bundle.missing() else [BUILT / name for name in bundle.FILES]
+    assert found == {path.relative_to(ROOT).as_posix() for path in [*kept, *pages]}
 
 
 def test_what_is_imported_is_declared():
@@ -186,6 +193,7 @@ COMMANDS = [
     ("simulate tower.toml --duration 0.02 --output run.csv", "run.csv"),
     ("simulate two_bar --force n4.z=5 --duration 0.1 --output run.npz", "run.npz"),
     ("animate two_bar --force n4.z=5 --duration 0.1 --output film.gif", "film.gif"),
+    ("view two_bar", "two_bar.html"),
     ("path two_bar --force n4.z=1 --to 5 --output path.csv", "path.csv"),
     ("path two_bar --force n4.z=1 --to 5 --figure path.png", "path.png"),
     ("modes two_bar --figure modes.svg", "modes.svg"),

@@ -5,15 +5,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-
 import pytest
 
 from tensegrity_core.native import build, wheels
+from tests.support.tools import CROSS
 from tests.support.wheels_checked import check_contents
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang: pip install ziglang")
+@CROSS
 def test_a_wheel_for_another_platform_holds_its_libraries_and_no_others(tmp_path, capsys):
     ours = (build.HERE / build.LIBRARY).read_bytes()
     assert wheels.main(["--platforms", "aarch64-linux", "--output", str(tmp_path / "new" / "folder")]) == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import shutil
@@ -26,6 +25,7 @@ from fmu_src.variables.model_description import LOG_CATEGORIES
 from tensegrity_core.native import build
 from tests.support import scene
 from tests.support.native_calls import Calls
+from tests.support.tools import CROSS
 
 SCENE, STEPS, STEP, WAVE = "three_bar_nsh", 200, 0.01, 200.0
 HOST = Path(__file__).parent / "step_host.c"
@@ -38,8 +38,6 @@ WINE = ("wine64", "wine", "/usr/lib/wine/wine64")
 #: First bytes of a library's file, by platform.
 ELF, PE, MACHO = b"\x7fELF", b"MZ", b"\xcf\xfa\xed\xfe"
 MAGIC = {"linux64": ELF, "aarch64-linux": ELF, "win64": PE, "darwin64": MACHO, "aarch64-darwin": MACHO}
-
-zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang: pip install ziglang")
 
 
 def program(*names: str) -> str:
@@ -186,7 +184,7 @@ def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatc
     assert len(list((tree / "build" / "native" / "win64").glob("*/tensegrity_fmu.dll"))) == 2
 
 
-@zig
+@CROSS
 def test_zig_compiles_for_any_processor_of_this_platform_and_asks_no_other_compiler(tmp_path, monkeypatch):
     """Without a target it would use all that this processor can do, and look for the C library by `cc`."""
     with monkeypatch.context() as context:
@@ -206,7 +204,7 @@ def test_log_categories_say_what_this_runtime_logs(tmp_path):
     assert meanings == LOG_CATEGORIES
 
 
-@zig
+@CROSS
 @pytest.mark.parametrize("platform", build.TARGETS)
 def test_each_library_is_one_of_its_platform_and_small(platform, fmu):
     with zipfile.ZipFile(fmu) as archive:
@@ -218,7 +216,7 @@ def test_each_library_is_one_of_its_platform_and_small(platform, fmu):
     assert entry.compress_size + rest <= LIMIT
 
 
-@zig
+@CROSS
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("platform", ["linux64", "aarch64-linux"])
 def test_linux_libraries_need_an_old_c_library_only(platform, kind):
@@ -228,7 +226,7 @@ def test_linux_libraries_need_an_old_c_library_only(platform, kind):
     assert found and max(found) <= (2, 17)
 
 
-@zig
+@CROSS
 @pytest.mark.parametrize("kind", ["native", "python"])
 @pytest.mark.parametrize("platform", build.TARGETS)
 def test_libraries_export_the_functions_of_fmi_and_nothing_else(platform, kind):
@@ -269,7 +267,7 @@ def mach_exports(content: bytes):
             yield content[strings + name + 1 : content.index(b"\0", strings + name)].decode()
 
 
-@zig
+@CROSS
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("platform", ["darwin64", "aarch64-darwin"])
 def test_darwin_libraries_load_on_old_systems_and_name_no_folder_of_this_one(platform, kind):
@@ -281,7 +279,7 @@ def test_darwin_libraries_load_on_old_systems_and_name_no_folder_of_this_one(pla
     assert (LC_CODE_SIGNATURE in commands) >= (platform == "aarch64-darwin")  # unsigned code is killed there
 
 
-@zig
+@CROSS
 @pytest.mark.parametrize("kind", ["native", "python"])
 @pytest.mark.parametrize("platform", build.TARGETS)
 def test_compiling_again_gives_the_same_bytes(platform, kind, tmp_path):
@@ -290,7 +288,7 @@ def test_compiling_again_gives_the_same_bytes(platform, kind, tmp_path):
     assert again.read_bytes() == first.read_bytes()
 
 
-@zig
+@CROSS
 def test_a_python_fmu_for_all_platforms(tmp_path):
     """A library and a kernel for each; the one for this platform runs."""
     fmu = pack_python_fmu(scene("two_bar"), tmp_path / "two_bar.fmu", platforms=tuple(build.TARGETS))
@@ -304,19 +302,19 @@ def test_a_python_fmu_for_all_platforms(tmp_path):
     one.free()
 
 
-@zig
+@CROSS
 def test_linux64_for_old_systems_gives_the_same_trajectory(native, fmu, tmp_path):
     same(steps(fmu, tmp_path / "fmu", "linux64", [], host(tmp_path, None)), native)
 
 
-@zig
+@CROSS
 def test_win64_gives_the_same_trajectory(native, fmu, tmp_path):
     wine = program(*WINE)
     surroundings = {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
     same(steps(fmu, tmp_path / "fmu", "win64", [wine], host(tmp_path, "win64"), surroundings, "Z:"), native)
 
 
-@zig
+@CROSS
 def test_aarch64_linux_gives_the_same_trajectory(native, fmu, tmp_path):
     qemu = program("qemu-aarch64-static", "qemu-aarch64")
     system = Path("/usr/aarch64-linux-gnu")

