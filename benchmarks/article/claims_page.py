@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import Page, new_figure, plain, table, wrapped
+from benchmarks.harness.page import Page, new_figure, plain, rendered, table
 from tensegrity_core.article.experiments import LIFTS
 
 from . import claims as rules
-from .claims import CLAIMS, NO, NUMBERED, PARTLY, YES, Claim, swing, way
+from .claims import CLAIMS, NO, NUMBERED, PARTLY, YES, Claim, swing
 from .measures import REPEATED_SECONDS, measure
 from .variants import VARIANTS
 
@@ -115,145 +115,30 @@ def claims_table(experiment: str, data: dict) -> str:
     return table(head if experiment == "statics" else [*head, "otherwise"], rows)
 
 
-def wave_table(data: dict) -> str:
-    """n5's swing and way and the string's force under every variant of II; with NSH, without."""
-    head, rows = ["with, without NSH"], []
-    for name in ("swing", "way"):
-        head += [f"{name}, m, d = {damping}" for damping in DAMPINGS]
-    head.append("peak of n1-n4, N, d = 500")
-    for variant in VARIANTS["II"]:
-        m = data["II"][variant.key]
-        if "failure" in m:
-            rows.append([variant.about, *["\u2013"] * (len(head) - 1)])
-            continue
-        moved = [f"{measured(m, 'nsh', d):.2f}, {measured(m, 'plain', d):.2f}" for measured in (swing, way) for d in DAMPINGS]
-        rows.append([variant.about, *moved, "{:.0f}, {:.0f}".format(*rules.forces(m, "force_peak"))])
-    return table(head, rows)
-
-
-def lifts_table(data: dict) -> str:
-    """Where the prestress moves the snaps, the range and the straightness of experiment I."""
-    rows = []
-    for variant in VARIANTS["I"]:
-        system = {"top": "two_bar", "level": "six_bar"}.get(variant.key.split("_")[0])
-        for name in rules.SYSTEMS if variant.key == "base" else [system] if system else []:
-            m = data["I"][variant.key]
-            honeycomb, bare = m[rules.nsh(name)], m[name]
-            ranges = f"{1e3 * honeycomb['range']:.1f}, {1e3 * bare['range']:.1f}"
-            about = f"{rules.SYSTEMS[name]}: this model" if variant.key == "base" else variant.about
-            cells = [about, rules.shown_steps(honeycomb), ranges, f"{100 * bare['bend']:.1f}"]
-            rows.append(cells)
-    head = ["", "snaps between, N", "range with, without, mm", "without: off a straight line, % of the range"]
-    return table(head, rows)
-
-
-def oscillator_table(data: dict) -> str:
-    """Power and absorbed energy of IV under every variant."""
-    rows = []
-    for variant in VARIANTS["IV"]:
-        m = data["IV"][variant.key]
-        values = [
-            (m[kind]["power"], m[kind]["periods"][0], m[kind]["absorbed"], m[kind]["stored"]) for kind in ("nsh", "plain")
-        ]
-        rows.append([variant.about, *(f"{one:.2f}, {other:.2f}" for one, other in zip(*values))])
-    head = ["with, without NSH", "largest power, W", "absorbed in 1 s, J", "absorbed in 4 s, J", "of it stored at the end, J"]
-    return table(head, rows)
-
-
-def tally(data: dict) -> str:
-    counts = {verdict: sum(claim.verdict(data) == verdict for claim in CLAIMS) for verdict in (YES, PARTLY, NO)}
-    return f"Of {len(CLAIMS)} claims {counts[YES]} are reproduced, {counts[PARTLY]} partly, and {counts[NO]} not."
-
-
-def wave_text(data: dict) -> str:
-    """What moves n5."""
-    rise = data["rise"]
-    return f"""Forces of this size throw the three-bar system between two shapes: without load it stands at
-{rise["start"]:.3f} m, and {rise["lift"]:.1f} N on each top node are enough to lift it by {rise["gap"]:.2f} m into the other.
-n5's displacement is mostly this change of shape, with NSH and without. The choices of the first figure in numbers:"""
-
-
-def repeats_text(data: dict) -> str:
-    """After how many periods of the wave the motion comes back; docs/experiments.md says it, too, from its own data."""
-    others = []
-    for key, found in data["repeats"].items():
-        kind, damping = key.split("/")
-        case, periods = f"At d = {damping} {'with' if kind == 'nsh' else 'without'} NSH", found["periods"]
-        if periods is None:
-            others.append(f"{case} it does not within {len(found['off'])} periods.")
-        elif periods > 1:
-            before, there = (f"{100 * found['off'][i]:.1f} % of the swing" for i in (0, periods - 1))
-            others.append(
-                f"{case} it comes back after {periods} periods of the wave: it is {before} off what it was one period "
-                f"before, and {there} off what it was {periods} periods before."
-            )
-    where = "but for what follows" if others else "in every case"
-    return " ".join([f"After {REPEATED_SECONDS:.0f} s n5's motion comes back with each period of the wave, {where}.", *others])
-
-
-def sweep_text(data: dict) -> str:
-    """What the scan says of the claims that are farthest off, and at which damping they come nearer."""
-    runs = [m for m in data["II"].values() if "failure" not in m]
-    ratios = [swing(m, "nsh", 500) / swing(m, "plain", 500) for m in runs]
-    less, weak = [], []
-    for damping, both in data["sweep"].items():
-        if both["nsh"]["swing"][3] < both["plain"]["swing"][3]:
-            less.append(damping)
-        if both["nsh"]["force_peak"] <= rules.MUCH * both["plain"]["force_peak"]:
-            weak.append(damping)
-    halved = "none halves it" if min(ratios) >= 0.5 else "some halve it"
-    heavy = [str(n) for n, c in scanned("II").items() if c.verdict(data) == NO and c.verdict(data, "d_times_10") == YES]
-    return f"""n5's steady swing at d = 500 with NSH is {min(ratios):.2f} to {max(ratios):.2f} times that without, over all
-{len(ratios)} choices; {halved}. Damping changes most: of the dampings below, the swing is smaller with NSH at d =
-{", ".join(less)} N s/m, and the peak force of n1-n4 at most half as large at d = {", ".join(weak)} N s/m. With every d ten
-times as large, these claims come out that are not reproduced: {", ".join(heavy) or "none"}."""
-
-
-WORDS = f"""'Almost linear': within {100 * rules.LINEAR:.0f} % of the range. 'Just above': by up to
-{100 * rules.SLIGHTLY:.0f} %. 'Much less': at most half. 'Larger' of a coordinate's swing: by {100 * (rules.LARGER - 1):.0f} %
-in every coordinate. A transient: more than {100 * rules.TRANSIENT:.0f} % of the swing. 'Cyclic': successive periods within 10 %
-of the way; 'nonlinear': more than {100 * rules.NONLINEAR:.1f} % of the power in higher harmonics. At rest: below
-{rules.AT_REST:g} m/s. Domains: gaps of more than {1e3 * rules.GAP:.0f} mm. n5 moves farther: in its largest distance from the
-start within 5 s, and in its steady swing (the norm of the three coordinates' swings over the ninth and tenth period)."""
-
-INTRODUCTION = """What sections III to V of the article say of its four experiments, and what this model gives: the article's
-equations with the corrected moment of inertia (J = m/12 in M), the exact NSH law, and transitions located.
-[experiments.md](experiments.md) has the figures; the article's own curves were not at hand to be laid over, only its text."""
-
-OPEN = f"""The article leaves open: the prestress of the two-bar and the six-bar system, what a damper does while its string
-shortens, what follows beyond the NSH's end at 9 cm, whether an NSH string keeps its damper, the wave's sign and phase, gravity
-of the 3D systems, and all numbers of experiment IV. The last column says which other choice changes a verdict, or how much of a
-claim holds. The NSH's law is the article's, single-valued and without the string's own stiffness, but for two choices: with
-that stiffness in series, without and with memory ([memory.md](memory.md)). Lifts are the article's, {LIFTS[0]} to {LIFTS[-1]} N
-in steps of {LIFTS[1] - LIFTS[0]} N."""
-
-
 def report(data: dict) -> str:
     """docs/claims.md."""
-    where = data["machine"]
-    blocks = [
-        "# The article's claims",
-        f"{INTRODUCTION} {tally(data)}",
-        "Each claim is a rule over measured numbers, *partly* where only some of its conditions hold. The article's words are "
-        f"taken to mean: {WORDS}",
-        OPEN,
-        "![Verdicts under every choice: \u2713 yes, ~ partly, \u2717 no](figures/claims.png)",
-    ]
-    for experiment, title in TITLES.items():
-        blocks += [f"## {title}", claims_table(experiment, data)]
-        if experiment == "I":
-            blocks += ["How the prestress, which is free, moves the curves:", lifts_table(data)]
-        if experiment == "IV":
-            blocks.append(oscillator_table(data))
-        if experiment == "II":
-            blocks += [repeats_text(data), wave_text(data), wave_table(data), sweep_text(data)]
-            blocks.append("![Swing and string force against the damping](figures/claims_damping.png)")
-    blocks.append(
-        f"Measured at commit {where['commit']}, {where['date']}, {where['processor']}, in {data['seconds']:.0f} s; the numbers "
-        "stand in [claims.json](claims.json). Written by `python -m benchmarks.article.claims_page`; `--redraw` writes page "
-        "and figures again from that file."
+    judged = [claim.verdict(data) for claim in CLAIMS]
+    runs = [m for m in data["II"].values() if "failure" not in m]
+    both = {damping: (one["nsh"], one["plain"]) for damping, one in data["sweep"].items()}
+    second = scanned("II").items()
+    return rendered(
+        "article/claims",
+        **data,
+        data=data,
+        rules=rules,
+        titles=TITLES,
+        lifts=LIFTS,
+        dampings=DAMPINGS,
+        variants=VARIANTS,
+        repeated_seconds=REPEATED_SECONDS,
+        claims_table=claims_table,
+        counts={word: judged.count(verdict) for word, verdict in (("all", YES), ("part", PARTLY), ("none", NO))},
+        total=len(judged),
+        ratios=[swing(m, "nsh", 500) / swing(m, "plain", 500) for m in runs],
+        less=[d for d, (honeycomb, bare) in both.items() if honeycomb["swing"][3] < bare["swing"][3]],
+        weak=[d for d, (honeycomb, bare) in both.items() if honeycomb["force_peak"] <= rules.MUCH * bare["force_peak"]],
+        heavy=[n for n, c in second if c.verdict(data) == NO and c.verdict(data, "d_times_10") == YES],
     )
-    return "\n\n".join(wrapped(block) for block in blocks) + "\n"
 
 
 def collect() -> dict:

@@ -24,7 +24,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import Page, listed, new_figure, plain, table, wrapped
+from benchmarks.harness.page import Page, new_figure, plain, rendered
 from tensegrity_core.equilibria import steady_states
 from tensegrity_core.equilibria import sudden as sudden_loads
 from tensegrity_core.equilibria.loading import Loading
@@ -294,213 +294,28 @@ def panel(axes, scene: dict) -> None:
     axes.set_xlim(min(heights) - 4.0 * margin, max(heights) + margin)
 
 
-def agreement_rows(scenes: dict) -> str:
-    body = []
-    for name, scene in scenes.items():
-        rows = scene["states"]
-        still = [row for row in rows if row["speed_50"] < AT_REST]
-        moving = [row for row in rows if row["speed_50"] >= AT_REST]
-        other = [row for row in rows if row["slow_apart"] > SAME]
-        after, rest = max(row["difference_50"] for row in still), max(row["difference_rest"] for row in rows)
-        loads = [", ".join(f"{row['load']:g}" for row in some) or "–" for some in (moving, other)]
-        body.append([f"`{name}`", f"{after:.1e} ({len(still)} loads)", f"{rest:.1e}", *loads])
-    heads = (
-        "scene | at rest after 50 s: largest difference, m | all, once at rest: m | not at rest after 50 s, N | a slow load "
-        "stands elsewhere, N"
-    )
-    return table(heads, body)
-
-
-def short(number: float) -> str:
-    """Two digits, never as a power of ten."""
-    return f"{float(f'{number:.2g}'):g}"
-
-
-def time_rows(scenes: dict) -> str:
-    body = []
-    for name, scene in scenes.items():
-        s = scene["seconds"]
-        cells = [short(1e3 * s[what]) for what in ("sweep", "careful", "sudden", "runs", "rows", "simulate")]
-        body.append([f"`{name}`", *cells, *(short(s[what] / s["sweep"]) for what in ("runs", "rows", "simulate"))])
-    heads = ["32 loads, ms", "sweep", "done carefully", "sudden states", "runs", "with rows", "by `simulate`"]
-    return table([*heads, "runs / sweep", "rows / sweep", "`simulate` / sweep"], body)
-
-
-def snap_rows(scenes: dict) -> str:
-    body = []
-    for name, scene in scenes.items():
-        cells = []
-        for way in ("up", "back"):
-            jumps = scene["lines"]["jumps"][way]
-            cells.append(", ".join(f"{load:.3f}" for load, *_ in jumps) or "–")
-        body.append([f"`{name}`", *cells])
-    return table(["scene", "jumps while the load grows, N", "and while it falls, N"], body)
-
-
-def snaps_of_the_dynamics(scene: dict) -> list[str]:
-    """Between which loads beams snap, and how many have then."""
-    rows = scene["states"]
-    pairs = [(a, b) for a, b in pairwise(rows) if a["snapped_run"] != b["snapped_run"]]
-    return [f"{a['load']:g}–{b['load']:g} ({b['snapped_run']})" for a, b in pairs]
-
-
-def slow_text(scenes: dict) -> str:
-    """The loads under which runs are not at rest, and the modes that say so."""
-    parts = []
-    for name, scene in scenes.items():
-        worst = max(scene["states"], key=lambda row: row["speed_50"])
-        if worst["speed_50"] >= AT_REST:
-            parts.append(
-                f"`{name}` under {worst['load']:g} N still moves at {worst['speed_50']:.1e} m/s after 50 s, "
-                f"{worst['difference_50']:.1e} m off: its longest-lived mode has {worst['frequency']:.3g} Hz and dies out at "
-                f"{worst['decay_rate']:.3g} /s"
-            )
-    return "; ".join(parts) + "." if parts else "All runs are at rest after 50 s."
-
-
-COMMANDS = """```sh
-tensegrity path three_bar_nsh --force n4.z=1 n5.z=1 n6.z=1 --to 72 --back --unstable --figure path.svg --output path.csv
-tensegrity path three_bar --rest-length s4=-0.01 s5=-0.01 s6=-0.01 --to 10
-tensegrity modes six_bar --force n10.z=10 n11.z=10 n12.z=10 --figure modes.svg --output modes.csv
-```"""
-
-PYTHON = """```python
-import numpy as np
-from tensegrity_core.equilibria.loading import Loading
-from tensegrity_core.equilibria.modes import modes
-from tensegrity_core.scene import load_scene
-from tensegrity_core.statics import build_model
-from tensegrity_core.equilibria.steady_states import detours, load_sweep
-from tensegrity_core.equilibria.sudden import SuddenLoads, states_at
-
-model = build_model(load_scene("two_bar_nsh"))
-lift = np.zeros_like(model.nodes)
-lift[2:, 2] = 1.0  # N on each top node, times p
-up = load_sweep(Loading(model, lift), np.arange(0.0, 73.0, 2.0))
-down = load_sweep(Loading(model, lift), [72.0, 0.0], nodes=up.nodes[-1])
-print("snaps at", [round(jump.parameter, 3) for jump in up.jumps], "N, back at", round(down.jumps[0].parameter, 3), "N")
-
-known = states_at([*up.paths, *down.paths, *detours(up)], 40.0)
-found = SuddenLoads(up.equations).state(40.0, known)
-print(f"of {sum(p.stable for p in known)} stable states under 40 N, a sudden load reaches number {found.known}")
-steady = up.equations.loading.model_at(40.0, up.equations.nodes(found.point.free))
-print(f"its longest-lived mode dies out at {modes(steady, 40.0 * lift)[0].decay_rate:.3g} /s")
-```"""
-
-
 def report(result: dict) -> str:
     """docs/equilibrium-paths.md."""
-    scenes, where = result["scenes"], result["machine"]
-    blocks = [
-        "# Steady states, solved",
-        "The article's experiment I asks for the steady heights of three structures, each with and without NSH, under 32 "
-        "loads: an upward force of 10 to 72 N on each top node. Here they are solved as points of equilibrium paths, and "
-        "compared with the dynamics, which waits for them.",
-        *(f"![Load over height, {name}](figures/path_{name}.png)" for name in ("two_bar", "three_bar", "six_bar")),
-        "Lines are solved, circles waited for. Solid: stable, of a load that grows (blue) and falls (red) slowly. Dots: limit "
-        "points; squares: loose ends; dotted: jumps. Dashed: unstable branches, their first 60 points behind each limit "
-        "point. Yellow: stable paths that a slow load does not meet, traced from where a sudden load came to rest.",
-        "## Commands",
-        COMMANDS,
-        "`path` says where the structure jumps and why, and where it goes; `--step` gives states at equal steps of p, and "
-        "`--unstable` traces what lies behind limit and branch points. `modes` lists frequency, damping ratio and decay rate "
-        "of every mode about a steady state, after the names of what nothing resists: rigid-body motions of a structure "
-        "afloat, mechanisms of slack strings. In Python:",
-        PYTHON,
-        "## How",
-        "`paths.py` follows equilibria by arclength, through limit points and along unstable branches. Each string keeps its "
-        "piece of the force curve over a step; where it passes the piece's end, the path is solved for that very point, and "
-        "goes on with the next piece. Limit and branch points are roots along the arc, found to round-off; at a branch point "
-        "`branches` gives a start on every path that leaves along an eigenvector of the vanishing stiffness.",
-        "`steady_states.py` makes a slow load of it: along the stable path to where its stability ends, from there by the "
-        "overdamped flow to the next minimum of the potential energy, and on. While the path is stable, `load_steps.py` goes "
-        "straight from load to load, to the kinks and to limit points: a prediction with tangent and curvature, then Newton's "
-        "method. The flow takes large implicit steps (`quick_flow.py`). Where anything is in doubt, the path is followed along "
-        "its arc, and the flow in small steps; `load_sweep(..., careful=True)` does so everywhere, and differs by at most "
-        f"{largest(scenes, 'nodes'):.0e} m and, in the loads of jumps, by a part of {largest(scenes, 'jumps'):.0e}. Where a "
-        "flow passes close by a saddle under other loads, large steps may lead to another minimum than small ones: under "
-        f"random forces on all nodes {result['landings']['unlike']} of {result['landings']['jumps']} jumps did.",
-        "The honeycombs' force curves are single-valued, so all hysteresis is the structure's own: on the way back the paths "
-        "end at other limit points.",
-        "A load that comes suddenly is another matter. Under many loads several states are stable, and inertia carries the "
-        "structure past some of them. Which one it reaches is decided by a short run with the real dampers: once kinetic and "
-        "potential energy together are below the lowest saddle on the known paths, or could only swing the structure by "
-        "0.2 mm about a state, that state is it, and Newton's method does the rest. States that no path has met are found "
-        "this way, too.",
-        "## Agreement",
-        agreement_rows(scenes),
-        "The differences are of the top nodes' heights, between the state solved for a sudden load and the run. "
-        + slow_text(scenes)
-        + f" Such runs go on until they are slower than {AT_REST:g} m/s.",
-        "## Snaps and hysteresis",
-        snap_rows(scenes),
-        snap_text(scenes),
-        "## Time",
-        time_rows(scenes),
-        time_text(scenes, result),
-        f"Processor time, one thread, least of {result['rounds']} interleaved rounds, {where['processor']}, commit "
-        f"{where['commit']}, {where['date']}, in {result['seconds']} s; the figures stand in "
-        "[equilibrium_paths.json](equilibrium_paths.json). Drawn by `python -m benchmarks.article.equilibrium_paths`, which "
-        "also says what was measured and how; `--redraw` draws it again from that file.",
-    ]
-    return wrapped_but_code("\n\n".join(block for block in blocks if block)) + "\n"
-
-
-def largest(scenes: dict, what: str) -> float:
-    return max(s["alike"][what] for s in scenes.values())
-
-
-def wrapped_but_code(text: str) -> str:
-    """Paragraphs filled, code as it is."""
-    parts = text.split("```")
-    filled = [wrapped(part) if i % 2 == 0 and part.strip() else part for i, part in enumerate(parts)]
-    return "\n\n".join(f"```{part}```" if i % 2 else part for i, part in enumerate(filled)).strip()
-
-
-def snap_text(scenes: dict) -> str:
-    seen = {name: snaps_of_the_dynamics(scene) for name, scene in scenes.items()}
-    told = [f"`{name}` between {', '.join(found)} N" for name, found in seen.items() if found]
-    rows = [row for scene in scenes.values() for row in scene["states"]]
-    unlike = sum(row["snapped_solved"] != row["snapped_run"] for row in rows)
-    alike = "all" if not unlike else f"{len(rows) - unlike} of {len(rows)}"
-    return (
-        "The jump of `three_bar` at 4.905 N is its weight: there the lift carries the bars' upper ends, all strings are slack, "
-        "and only the bars' lengths are left. Where three honeycombs snap one after the other, their jumps lie close together. "
-        f"The dynamics snaps beams (how many are snapped then, of all honeycombs) in {'; in '.join(told)}; under {alike} loads "
-        "as many are snapped in the state that was solved."
+    scenes = result["scenes"]
+    states = {name: scene["states"] for name, scene in scenes.items()}
+    seconds = {name: scene["seconds"] for name, scene in scenes.items()}
+    ratios = {what: {name: s[what] / s["sweep"] for name, s in seconds.items()} for what in ("runs", "rows", "simulate")}
+    return rendered(
+        "article/equilibrium_paths",
+        **result,
+        at_rest=AT_REST,
+        same=SAME,
+        aim=AIM,
+        slowest={name: max(rows, key=lambda row: row["speed_50"]) for name, rows in states.items()},
+        snaps={
+            name: [(a, b) for a, b in pairwise(rows) if a["snapped_run"] != b["snapped_run"]] for name, rows in states.items()
+        },
+        counted=[row["snapped_solved"] == row["snapped_run"] for rows in states.values() for row in rows],
+        per_load=[1e3 * s["sweep"] / len(states[name]) for name, s in seconds.items()],
+        ratios=ratios,
+        met={what: [f"`{name}`" for name, ratio in found.items() if ratio >= AIM] for what, found in ratios.items()},
+        missed=[name for name, ratio in ratios["simulate"].items() if ratio < AIM],
     )
-
-
-def time_text(scenes: dict, result: dict) -> str:
-    seconds = [s["seconds"] for s in scenes.values()]
-    ratios = {what: [s[what] / s["sweep"] for s in seconds] for what in ("runs", "rows", "simulate")}
-    ends = {what: f"{short(min(found))} to {short(max(found))}" for what, found in ratios.items()}
-    met = {what: [f"`{name}`" for name, ratio in zip(scenes, found) if ratio >= AIM] for what, found in ratios.items()}
-    missed = [name for name, ratio in zip(scenes, ratios["simulate"]) if ratio < AIM]
-    reached = listed(met["simulate"]) or "none"
-    if missed:
-        snaps = [f"{len(scenes[name]['lines']['jumps']['up'])} (`{name}`)" for name in missed]
-        reached += (
-            f", missed by {listed([f'`{name}`' for name in missed])}. Those jump most, {listed(snaps)} times on the way up, "
-            "and each jump costs kinks, a limit point and a flow: dozens of solutions of a small system, in which NumPy's "
-            "calls take longer than the arithmetic"
-        )
-    return (
-        f"The sweep includes everything from the model on, {short(per_load(scenes, min))} to {short(per_load(scenes, max))} ms "
-        f"per load. `kernel.simulate`, what a user calls, with rows every {result['row']:g} s, takes {ends['simulate']} times "
-        f"as long: the {AIM} times that we had set as an aim are reached by {reached}. The kernel's steps alone, to the same "
-        f"rows, take {ends['rows']} times as long ({AIM} times: {listed(met['rows']) or 'none'}), and without any output "
-        f"{ends['runs']} times ({listed(met['runs']) or 'none'}). For the kernel is compiled, its steps grow to "
-        "seconds once a small structure is settled, and its 50 s then cost no more than some hundred evaluations of the "
-        "equations in NumPy. Where motion dies out slowly, as in `six_bar`, solving wins by more. What the sweep adds are "
-        "limit points, the way back, and that nothing lies between two loads unseen.\n\nThe first use of a honeycomb's law in "
-        f"a process costs {short(1e3 * result['first_law'])} ms more: its rises are fitted by polynomials to round-off, once "
-        "for all models with that honeycomb. It is not in the table, nor is the start of Python."
-    )
-
-
-def per_load(scenes: dict, which) -> float:
-    return which(1e3 * s["seconds"]["sweep"] / len(s["states"]) for s in scenes.values())
 
 
 PAGE = Page(__doc__, "equilibrium_paths", collect, report, FIGURES, {"rounds": 3})

@@ -16,16 +16,16 @@ INK, RED, TEAL, YELLOW, GREY, VIOLET = COLOURS
 LAWS = {"series": ("single-valued, k in series", RED), "memory": ("with memory", INK)}
 
 
-def kernel_points(axes, series: dict, every: int) -> None:
+def kernel_points(axes, series: dict, every: int = 40) -> None:
     axes.plot(1e2 * series["elongation"][::every], series["kernel"][::every], ".", color=TEAL, ms=4, label="kernel, slow pull")
 
 
-def cells(data: dict, series: dict) -> Figure:
+def cells(data: dict) -> Figure:
     """Test 1, and its closed form."""
     figure = new_figure(6.4, 3.4)
     axes, loop = figure.subplots(), data["cells"]
     axes.plot(1e2 * np.array(loop["x"]), loop["force"], color=INK, label="exact law")
-    kernel_points(axes, series["cells"], 40)
+    kernel_points(axes, data["columns"]["cells"])
     before, after = CLOSED["force"]
     axes.plot(1e2 * np.array(CLOSED["there"]), [before] * 3, "v", color=RED, ms=6, label="closed form: snaps")
     axes.plot(1e2 * np.array(CLOSED["there"]), [after] * 3, "v", mfc="none", color=RED, ms=6)
@@ -36,14 +36,14 @@ def cells(data: dict, series: dict) -> Figure:
     return figure
 
 
-def honeycomb(data: dict, series: dict) -> Figure:
+def honeycomb(data: dict) -> Figure:
     """Test 2: the whole loop beside the single-valued curve; partial loops."""
     figure = new_figure(8.6, 3.6)
     whole, partial = figure.subplots(1, 2, sharey=True)
     loop, x = data["honeycomb"], np.linspace(0.0, REACH, 1500)
     whole.plot(1e2 * x, single_valued(x), color=RED, lw=0.9, label=LAWS["series"][0])
     whole.plot(1e2 * np.array(loop["x"]), loop["force"], color=INK, label="with memory, exact law")
-    kernel_points(whole, series["honeycomb"], 40)
+    kernel_points(whole, data["columns"]["honeycomb"])
     whole.set(title=f"the article's NSH, k = {STIFFNESS:g} N/m", xlabel="elongation in cm", ylabel="force in N")
     whole.legend()
     partial.plot(1e2 * np.array(loop["x"]), loop["force"], color=COLOURS[4], lw=0.7)
@@ -55,10 +55,10 @@ def honeycomb(data: dict, series: dict) -> Figure:
     return figure
 
 
-def stiffness(data: dict, series: dict) -> Figure:
+def stiffness(data: dict) -> Figure:
     """Loss per cycle against the string's own stiffness."""
     figure = new_figure(6.4, 3.4)
-    axes, scan = figure.subplots(), series["stiffness"]
+    axes, scan = figure.subplots(), data["columns"]["stiffness"]
     axes.plot(scan["stiffness"], 1e3 * scan["loss"], "-o", color=INK, label="all four in series")
     axes.axhline(1e3 * data["stiffness"]["rigid"], color=INK, ls=":", label="all four, rigid string")
     for i, (limit, colour) in enumerate(zip(data["stiffness"]["beams"], (TEAL, YELLOW, RED, VIOLET)), 1):
@@ -69,10 +69,10 @@ def stiffness(data: dict, series: dict) -> Figure:
     return figure
 
 
-def heights(data: dict, series: dict) -> Figure:
+def heights(data: dict) -> Figure:
     """Experiment I: a slow lift up and back, and the sudden lifts."""
     figure = new_figure(8.6, 3.5)
-    slow, sudden = series["ramp"], series["I"]
+    slow, sudden = data["columns"]["ramp"], data["columns"]["I"]
     for axes, (name, title) in zip(figure.subplots(1, 3), SYSTEMS.items()):
         for law, (label, colour) in LAWS.items():
             axes.plot(slow["lift"], slow[f"{name}.{law}.z"], color=colour, lw=1.0, label=f"{label}: slow, up and back")
@@ -83,9 +83,9 @@ def heights(data: dict, series: dict) -> Figure:
     return figure
 
 
-def waves(data: dict, series: dict) -> Figure:
+def waves(data: dict) -> Figure:
     """Experiment II: n5's displacement and the force of n1-n4 at three dampings."""
-    figure, found = new_figure(8.6, 6.0), series["II"]
+    figure, found = new_figure(8.6, 6.0), data["columns"]["II"]
     rows = figure.subplots(len(DAMPINGS), 2, sharex=True)
     for (moved, force), d in zip(rows, sorted(DAMPINGS)):
         for law, (label, colour) in LAWS.items():
@@ -101,4 +101,7 @@ def waves(data: dict, series: dict) -> Figure:
     return figure
 
 
-FIGURES = {"cells": cells, "honeycomb": honeycomb, "stiffness": stiffness, "I": heights, "II": waves}
+FIGURES = {
+    f"memory_{n}": f
+    for n, f in {"cells": cells, "honeycomb": honeycomb, "stiffness": stiffness, "I": heights, "II": waves}.items()
+}

@@ -28,12 +28,15 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from tensegrity_core.files import replacing, write_text
+from tensegrity_core.output.export import write_columns
 
 from . import machine
 
 DOCS = machine.ROOT / "docs"
 DPI = 110
 BENCHMARKS = machine.ROOT / "benchmarks"
+#: What begins a block of Markdown whose lines are not filled.
+STAY = ("#", "|", "!", "<", "-", "```")
 
 #: Colours of the figures, and the marker's and the line's width in points.
 COLOURS = ("#22252e", "#d1495b", "#1b9aaa", "#edae49", "#6b705c", "#7768ae")
@@ -122,15 +125,21 @@ def write_section(page: Path, name: str, text: str) -> None:
     write_text(page, rendered("stability/head") + "\n" + sections)
 
 
-def shown(value, form: str = "") -> str:
-    """A number in a format, or a dash where there is none."""
-    return "–" if value is None or value != value else format(value, form)
+def shown(value, form: str = "", factor: float | None = None) -> str:
+    """A number in a format, times a factor, or a dash where there is none."""
+    return "–" if value is None or value != value else format(value if factor is None else factor * value, form)
+
+
+def all_shown(values: Iterable, form: str = "", factor: float | None = None) -> str:
+    """'1, 2, 3'."""
+    return ", ".join(shown(value, form, factor) for value in values)
 
 
 def rendered(name: str, /, **values) -> str:
     """The page, or section, of the template benchmarks/NAME.md, its paragraphs filled to the width.
 
-    Templates have the filters f (see `shown`), listed, number (see `plain_number`) span and cell (`least_and_median`).
+    Templates have the filters f (see `shown`), all (`all_shown`), listed, number (`plain_number`), short, span and cell
+    (`least_and_median`).
     """
     return wrapped(_templates().get_template(f"{name}.md").render(values, name=name.rpartition("/")[2])) + "\n"
 
@@ -140,8 +149,21 @@ def _templates() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(BENCHMARKS), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"f": shown, "listed": listed, "number": plain_number, "span": span, "cell": least_and_median}
+    environment.filters |= {
+        "f": shown,
+        "all": all_shown,
+        "listed": listed,
+        "number": plain_number,
+        "short": short,
+        "span": span,
+        "cell": least_and_median,
+    }
     return environment
+
+
+def short(value: float) -> str:
+    """Two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def plain_number(value: float) -> str:
@@ -174,10 +196,12 @@ def paragraphs(*blocks: str) -> str:
 
 def wrapped(text: str, width: int = 124) -> str:
     """Markdown with its paragraphs filled to the width, whatever length the numbers in them have; other blocks stay."""
-    blocks = re.split(r"\n{2,}", text.strip())
+    parts = re.split(r"^(```.*?^```)$", text, flags=re.MULTILINE | re.DOTALL)
+    blocks = [block for i, part in enumerate(parts) for block in ([part] if i % 2 else re.split(r"\n{2,}", part.strip()))]
     return "\n\n".join(
-        block if block[0] in "#|!<-" else textwrap.fill(block, width, break_long_words=False, break_on_hyphens=False)
+        block if block.startswith(STAY) else textwrap.fill(block, width, break_long_words=False, break_on_hyphens=False)
         for block in blocks
+        if block
     )
 
 
@@ -202,6 +226,25 @@ def read_columns(path: Path) -> dict[str, np.ndarray]:
     """Column -> values, of a CSV file."""
     head, *lines = path.read_text(encoding="utf-8").splitlines()
     return dict(zip(head.split(","), np.array([line.split(",") for line in lines], dtype=float).T))
+
+
+class Columns(NamedTuple):
+    """A page's long series, data["columns"]: name -> column -> values, in files data/PREFIX_NAME.csv; digits: see `plain`,
+    None: all of them.  `keep` and `read` are a page's."""
+
+    prefix: str
+    digits: int | None = None
+
+    def keep(self, data: dict, path: Path) -> None:
+        for name, columns in data["columns"].items():
+            kept = {key: x if self.digits is None else np.array(plain(x, self.digits)) for key, x in columns.items()}
+            write_columns(kept, path.parent / "data" / f"{self.prefix}_{name}.csv")
+        write_json({key: value for key, value in data.items() if key != "columns"}, path)
+
+    def read(self, path: Path) -> dict:
+        files = sorted((path.parent / "data").glob(f"{self.prefix}_*.csv"))
+        columns = {file.stem.removeprefix(f"{self.prefix}_"): read_columns(file) for file in files}
+        return read_json(path) | {"columns": columns}
 
 
 def write_json(data: dict, path: Path) -> None:

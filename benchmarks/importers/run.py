@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.harness import machine
-from benchmarks.harness.page import Page
+from benchmarks.harness.page import Page, rendered
 from benchmarks.harness.page import command as command_line
 from tensegrity_core.files import scratch, write_text
 from tensegrity_core.model import Model
 
-from . import environments, page, scenario
+from . import environments, scenario
 from .tools import TOOLS, Tool
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -106,11 +106,25 @@ def measure(chosen: list[Tool]) -> list[dict]:
     return rows
 
 
-PAGE = Page(__doc__, "importers", lambda: stored(TOOLS), page.render)
+def collect() -> dict:
+    return {"machine": machine.describe(), "scenario": scenario.SHOWN, "rows": measure(TOOLS)}
 
 
-def stored(chosen: list[Tool]) -> dict:
-    return {"machine": machine.describe(), "scenario": scenario.SHOWN, "rows": measure(chosen)}
+def report(data: dict) -> str:
+    """docs/importers.md."""
+    ways = {row["tool"]: row["inputs"] for row in data["rows"] if row["inputs"]}
+    return rendered("importers/page", **data, bound=scenario.POSITION_BOUND, ways=ways, remark=remark)
+
+
+def remark(row: dict) -> str:
+    """Why, and the tool's own last words where it said no."""
+    said = row["why"].replace("|", "/").replace("<", "&lt;")
+    if row["outcome"] in ("refused", "not installed"):
+        return f"{row['limit']}: “{said}”" if row["limit"] else f"“{said}”"
+    return said
+
+
+PAGE = Page(__doc__, "importers", collect, report)
 
 
 def main() -> None:

@@ -414,7 +414,6 @@ def experiment_4(
 class Curve:
     """A force curve of an NSH over its elongation; marks: name -> (elongation in m, force in N)."""
 
-    nsh: NSH
     elongation: np.ndarray
     force: np.ndarray
     marks: dict[str, tuple[float, float]]
@@ -434,19 +433,23 @@ def beam_curve() -> Curve:
     u = np.linspace(0.0, 2.0 * h, CURVE_POINTS)
     e = beam_extrema(Q, zeta, h)
     marks = {"f_max": (e.u_max, e.f_max), "f_min": (e.u_min, e.f_min), "f_end": (2.0 * h, beam_force(Q, zeta, h, 2.0 * h))}
-    return Curve(BEAM, u, beam_force(Q, zeta, h, u), marks)
+    return Curve(u, beam_force(Q, zeta, h, u), marks)
 
 
 def honeycomb_curve() -> Curve:
     """Figure 5: the article's NSH by Algorithm 1, from 0 to the sum of 2 h, with each beam's snap and the end."""
-    nsh = article_nsh()
-    made = law(nsh.element)
+    made = law(article_nsh().element)
     ends = made.breakpoints
     xi = np.unique(np.concatenate((np.linspace(0.0, ends[-1], CURVE_POINTS), ends)))
+    return Curve(xi, np.array([made.force(x) for x in xi.tolist()]), honeycomb_marks())
+
+
+def honeycomb_marks() -> dict[str, tuple[float, float]]:
+    """Name -> (elongation in m, force in N): the honeycomb's snaps and its end."""
+    nsh = article_nsh()
+    made = law(nsh.element)
     f_max = sorted(beam_extrema(*beam).f_max for beam in zip(nsh.Q, nsh.zeta, nsh.h))
-    marks = {f"snap {i}": (made.elongation(f), f) for i, f in enumerate(f_max, 1)}
-    marks["end"] = (made.end, made.end_force)
-    return Curve(nsh, xi, np.array([made.force(x) for x in xi.tolist()]), marks)
+    return {f"snap {i}": (made.elongation(f), f) for i, f in enumerate(f_max, 1)} | {"end": (made.end, made.end_force)}
 
 
 # --- all of them -------------------------------------------------------------------------------------------------

@@ -37,8 +37,9 @@ def experiment(
     folder = _folder(output)
     data = chosen.run(wanted, seconds)
     table = folder / f"experiment_{name}.csv"
-    write_columns(data.columns(), table)
-    files = [table, *write_figures(name, data, table.with_suffix(""))]
+    columns = data.columns()
+    write_columns(columns, table)
+    files = [table, *write_figures(name, columns, table.with_suffix(""))]
     print(f"{name}: {chosen.about}" + ("" if seconds is None else f", {seconds:g} s"))
     print(data.summary())
     print(f"  written: {', '.join(str(file) for file in files)}")

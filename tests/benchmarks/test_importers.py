@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.importers import page, run, scenario
+from benchmarks.importers import run, scenario
 from benchmarks.importers.environments import last_words
 from benchmarks.importers.tools import TOOLS, Tool
 
@@ -32,7 +32,7 @@ def expected():
 
 
 def test_page_is_rendered_from_its_data():
-    assert (ROOT / "docs" / "importers.md").read_text(encoding="utf-8") == page.render(DATA)
+    assert (ROOT / "docs" / "importers.md").read_text(encoding="utf-8") == run.report(DATA)
 
 
 def test_every_tool_that_was_installed_takes_the_native_fmu():

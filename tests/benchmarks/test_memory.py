@@ -33,7 +33,7 @@ def test_stored_numbers_hold_what_the_page_says():
     data, series = stored()
     cells, loop = data["cells"], data["honeycomb"]
     for sign, expected in ((1, memory_loops.CLOSED["there"]), (-1, memory_loops.CLOSED["back"])):
-        assert memory.of_way(cells, sign, "x") == pytest.approx(expected, rel=1e-11)
+        assert [snap["x"] for snap in cells["snaps"] if snap["way"] == sign] == pytest.approx(expected, rel=1e-11)
     for one in (cells, loop, *data["partial"]):
         assert one["area"] == pytest.approx(one["loss"], rel=1e-10)
     for one in (cells, loop):  # the kernel's snaps and losses are the exact law's
