@@ -14,7 +14,7 @@ import numpy as np
 from tensegrity_core import statics
 from tensegrity_core.article import experiments
 from tensegrity_core.kernel import simulate
-from tensegrity_core.laws import law
+from tensegrity_core.laws import law, string_law
 from tensegrity_core.model import Model, held
 from tensegrity_core.model.elements import Series, Spring
 from tensegrity_core.scene import load_scene
@@ -92,7 +92,7 @@ def in_series(law: str) -> Callable[[Model], Model]:
         changed, length = replace(model, nsh=tuple(honeycombs), element=tuple(elements)), lengths(model)
         tension, rest_length = statics.string_tension(model, length), model.rest_length.copy()
         for i in model.nsh_strings:
-            rest_length[i] = length[i] - statics.string_elongation(changed, i, float(tension[i]))
+            rest_length[i] = length[i] - string_law(changed, i).elongation(tension.item(i))
         return replace(changed, rest_length=rest_length)
 
     return change

@@ -14,6 +14,7 @@ gives up, and `paths.follow_from` goes on from the last point.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,6 +35,7 @@ FIRST = 3  # strings that are tried as the first to leave its piece
 SOFTER = 0.05  # a string that loses more of its stiffness from one state to the next is watched
 NEARER = (0.5, 0.2, 0.08)  # parts of the way to a limit point that are tried where it is not found at once
 HALVINGS = 2  # of a step that turns too much
+LEAST = math.cos(3.0 * TURN) ** 2  # of the squared cosine between the tangents before a step and after it
 
 
 class Doubt(Exception):
@@ -86,7 +88,7 @@ class State:
     def lengthening(self, p: float) -> float | None:
         """The change of e predicted for a change of p; None where p does not get there."""
         rest = self.load_rate**2 + 2.0 * self.load_bow * p
-        return 2.0 * p / (self.load_rate + np.copysign(np.sqrt(rest), self.load_rate)) if rest > 0.0 else None
+        return 2.0 * p / (self.load_rate + math.copysign(math.sqrt(rest), self.load_rate)) if rest > 0.0 else None
 
     def towards(self, other: State, parameter: float) -> np.ndarray:
         """z predicted at a p between this state and another: quadratic between them, over e or p."""
@@ -97,8 +99,8 @@ class State:
         else:
             e = float(other.elongation[self.string] - self.elongation[self.string])
             slope = self.load_rate * e  # p is slope t + (span - slope) t^2
-            rest = np.sqrt(max(slope * slope + 4.0 * (span - slope) * p, 0.0))
-            part, first = 2.0 * p / (slope + np.copysign(rest, slope)), e * self.rate
+            rest = math.sqrt(max(slope * slope + 4.0 * (span - slope) * p, 0.0))
+            part, first = 2.0 * p / (slope + math.copysign(rest, slope)), e * self.rate
         return self.z + part * (first + part * (change - first))
 
 
@@ -117,6 +119,11 @@ def _crossing(start: np.ndarray, middle: np.ndarray, last: np.ndarray, end: np.n
         part = roots.min(axis=0)
         straight = np.clip(gap / (last - start), 0.0, 1.0)
     return np.where(np.isfinite(part), part, np.nan_to_num(straight))
+
+
+def _arrow(along: np.ndarray, scale: float, side: float) -> np.ndarray:
+    """(n+1,) a direction with this (n,) and that part, or against it where `side` is negative."""
+    return math.copysign(1.0, side) * np.concatenate((along, (scale,)))
 
 
 class LoadSteps:
@@ -168,14 +175,14 @@ class LoadSteps:
             self._last = self._watched(state, side) if len(on.curved) else state
         except Doubt:
             return None
-        direction = np.append(side * state.tangent[: self._n], side * self.scale)
+        direction = _arrow(state.tangent[: self._n], self.scale, side)
         self._point = self._point_of(state, direction, 0.0, "")
         return self._point
 
     def _point_of(self, state: State, direction: np.ndarray, arc: float, kind: str) -> Point:
         equations, free, parameter, piece = self.equations, state.z[: self._n], state.parameter, state.laws.piece
         local = Local(equations, lambda: equations.at(free, parameter, piece), kind != "limit")
-        return Point(float(parameter), free, piece, direction / np.sqrt(direction @ direction), local, arc, kind)
+        return Point(float(parameter), free, piece, direction / math.sqrt(direction @ direction), local, arc, kind)
 
     def _state(self, point: Point, way: float) -> State:
         """A path's stable point as a state.  Raises Doubt."""
@@ -192,12 +199,11 @@ class LoadSteps:
         """Make a state the path's next point."""
         before, n = self._here, self._n
         way = state.z[:n] - before.z[:n]
-        arc = float(np.sqrt(way @ way + (self.scale * (state.parameter - before.parameter)) ** 2))
+        arc = math.sqrt(way @ way + (self.scale * (state.parameter - before.parameter)) ** 2)
         if kind == "limit":
-            direction = np.append(np.copysign(1.0, state.rate[:n] @ way) * state.rate[:n], 0.0)
+            direction = _arrow(state.rate[:n], 0.0, state.rate[:n] @ way)
         else:
-            sign = np.copysign(1.0, state.parameter - before.parameter)
-            direction = np.append(sign * state.tangent[:n], sign * self.scale)
+            direction = _arrow(state.tangent[:n], self.scale, state.parameter - before.parameter)
         if state.laws is not before.laws:
             self._limit = None
         self._last, self._point = state, self._point_of(state, direction, path.points[-1].arc + arc, kind)
@@ -230,10 +236,10 @@ class LoadSteps:
     def _stepped(self, goal: float) -> tuple[State, str] | None:
         """The next state after a step that is short enough."""
         here, n = self._here, self._n
-        fastest = self.longest / np.sqrt(here.tangent[:n] @ here.tangent[:n] + self.scale**2)
+        fastest = self.longest / math.sqrt(here.tangent[:n] @ here.tangent[:n] + self.scale**2)
         whole = goal - here.parameter
         for halving in range(HALVINGS + 1):
-            way = np.copysign(min(abs(whole), fastest) * 0.5**halving, whole)
+            way = math.copysign(min(abs(whole), fastest) * 0.5**halving, whole)
             found = self._within(way, goal if way == whole else here.parameter + way)
             if found is not None:
                 return found
@@ -251,7 +257,7 @@ class LoadSteps:
                 size = -here.load_rate / here.load_bow
                 z, parameter = predict(size)
                 elongation = self.equations.elongation(z[: self._n], parameter)
-                if self._gone(elongation).any():
+                if np.count_nonzero(self._gone(elongation)):
                     ended = self._first_end(predict, size, elongation, way, goal)
                     if ended is not None:
                         return ended
@@ -265,12 +271,12 @@ class LoadSteps:
         else:
             z = predict(size)[0] if limit is None else here.towards(limit, goal)
             elongation = self.equations.elongation(z[: self._n], goal)
-            if self._gone(elongation).any():
+            if np.count_nonzero(self._gone(elongation)):
                 return self._first_end(predict, size, elongation, way, goal)
             found, kind = self._load_beside(z, goal), ""
             if found is None:
                 return self._own_end(way, goal) if limit is None and here.softens(way) else None
-        if self._gone(found.elongation).any():
+        if np.count_nonzero(self._gone(found.elongation)):
             return self._first_end(predict, size, found.elongation, way, goal)
         return found, kind
 
@@ -280,9 +286,9 @@ class LoadSteps:
         elongation = here.elongation.copy()
         longer = here.load_rate * way > 0.0
         end = float((here.laws.upper if longer else here.laws.lower)[string])
-        if not np.isfinite(end):
+        if not math.isfinite(end):
             return None
-        elongation[string] = end + np.copysign(2.0 * TOUCH, end - elongation[string])
+        elongation[string] = end + math.copysign(2.0 * TOUCH, end - elongation[string])
         return self._first_end(here.lengthened, end - float(here.elongation[string]), elongation, way, goal)
 
     def _load_beside(self, guess: np.ndarray, goal: float) -> State | None:
@@ -292,14 +298,14 @@ class LoadSteps:
     def _nearer(self, e: float, way: float, goal: float) -> tuple[State, str]:
         """A state on the way to a limit point that is thought to lie at a change of e.  Raises Doubt."""
         here, n = self._here, self._n
-        direction = here.rate[:n] / np.sqrt(here.rate[:n] @ here.rate[:n])
+        direction = here.rate[:n] / math.sqrt(here.rate[:n] @ here.rate[:n])
         for part in NEARER:
             z, parameter = here.lengthened(part * e)
             found = self._at_distance(z, parameter, here.laws, direction, float(direction @ z[:n]))
             if found is None or not found.tangent[:n] @ here.tangent[:n] > 0.0:
                 continue
             inside = (found.parameter - here.parameter) * way > 0.0 and (found.parameter - goal) * way < 0.0
-            if inside and not self._gone(found.elongation).any():
+            if inside and not np.count_nonzero(self._gone(found.elongation)):
                 return self._watched(found, way), ""
         raise Doubt
 
@@ -317,7 +323,7 @@ class LoadSteps:
             return False
         a, b = here.tangent[:n], found.tangent[:n]
         along = a @ b + scale**2
-        return along > 0.0 and along**2 > np.cos(3.0 * TURN) ** 2 * (a @ a + scale**2) * (b @ b + scale**2)
+        return along > 0.0 and along**2 > LEAST * (a @ a + scale**2) * (b @ b + scale**2)
 
     def _first_end(self, predict, size: float, elongation: np.ndarray, way: float, goal: float) -> tuple[State, str] | None:
         """The kink where the first string leaves its piece, on the way to these elongations."""
@@ -344,7 +350,7 @@ class LoadSteps:
                 if (found.parameter - goal) * way <= 0.0:
                     return self._flipped(found, way), "kink"
                 found = self._load_beside(here.towards(found, goal), goal)
-                return None if found is None or self._gone(found.elongation).any() else (found, "")
+                return None if found is None or np.count_nonzero(self._gone(found.elongation)) else (found, "")
             tried.append(string)
             elongation = np.where(gone, found.elongation, elongation)
         return None
@@ -369,7 +375,7 @@ class LoadSteps:
                 step = None if found is None else found.way[0] - found.way[1] / found.pull[1] * found.pull[0]
             if step is None:
                 return None
-            size = float(np.sqrt(step[:n] @ step[:n]))
+            size = math.sqrt(step[:n] @ step[:n])
             if not size < 0.5 * last:
                 return None
             z = z + step
@@ -478,7 +484,7 @@ class LoadSteps:
             if found is None:
                 return None
             step, p = self._towards(found, wound, gap)
-            size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
+            size = math.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2)
             if not size < 0.5 * last:
                 return None
             z, parameter = z + step, parameter + p
@@ -538,7 +544,7 @@ class LoadSteps:
         """The limit point to which a softening state leads: the root of dp/da over the distance a along the state's tangent."""
         here, saddle, n = self._here, self.saddle, self._n
         laws, e = here.laws, -here.load_rate / here.load_bow
-        length = float(np.sqrt(here.rate[:n] @ here.rate[:n]))
+        length = math.sqrt(here.rate[:n] @ here.rate[:n])
         direction = here.rate[:n] / length
         z, parameter = here.lengthened(e)
         before = 0.0, here.load_rate / length
@@ -554,7 +560,7 @@ class LoadSteps:
                 return None
             gap, before = -slope * change / (slope - before[1]), (at, slope)
             step, p = self._towards(found, 0.0, gap)
-            size = float(np.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2))
+            size = math.sqrt(step[:n] @ step[:n] + (self.scale * p) ** 2)
             if not size <= self.longest:
                 return None
             z, parameter = z + step, parameter + p

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
@@ -119,16 +120,16 @@ def newton(
     last = np.inf
     for _ in range(NEWTON):
         tangent = equations.at(free, parameter, piece)
-        right = np.append(tangent.pull, 0.0)
+        right = np.concatenate((tangent.pull, (0.0,)))
         if event is not None:
             string, goal = event
-            row = np.append(tangent.growth[string], -equations.loading.rest_length_direction[string] / scale)
+            row = np.concatenate((tangent.growth[string], (-equations.loading.rest_length_direction[string] / scale,)))
             right[-1] = goal - tangent.elongation[string]
         step = _solved(bordered(tangent, scale, row), right, least)
         if step is None:
             return None
-        size = float(np.sqrt(step @ step))
-        if not size < 0.5 * last or not np.isfinite(size):
+        size = math.sqrt(step @ step)
+        if not size < 0.5 * last or not math.isfinite(size):
             return None if not last <= 1e3 * settled else (free, parameter, tangent)
         free = equations.moved(free, tangent.basis @ step[:-1])
         parameter = float(parameter + step[-1] / scale)
@@ -146,9 +147,9 @@ def _direction(tangent: Tangent, scale: float, along: np.ndarray) -> np.ndarray 
     found = _solved(matrix, right)
     if found is None or not found @ found <= FAR:
         found = _least(matrix, right)
-    direction = np.append(tangent.basis @ found[:-1], found[-1])
-    size = np.sqrt(direction @ direction)
-    return direction / size if np.isfinite(size) and size > 0.0 else None
+    direction = np.concatenate((tangent.basis @ found[:-1], found[-1:]))
+    size = math.sqrt(direction @ direction)
+    return direction / size if math.isfinite(size) and size > 0.0 else None
 
 
 def _point(equations, scale, free, parameter, tangent, piece, along, arc, kind) -> Point | None:

@@ -20,7 +20,7 @@ from .saddle import Saddle
 
 MOST = 150  # steps
 PART_OF_BAR = 0.03  # longest step of a node
-FALLING, RISING = 0.25, 0.12  # longest step of what snaps, as part of its beams, while the energy is concave and after
+FALLING, RISING = 0.375, 0.18  # longest step of what snaps, as part of its shortest fall, while the energy is concave and after
 GROWTH = 3.0  # of what is unstable, in one step
 SHORTER, LONGER = 4.0, 4.0  # by how much the time changes that is tried next
 SLOWEST = 1e-4  # N/m per N/m of the stiffest string: the 1/t of the longest time that is not infinite

@@ -52,6 +52,7 @@ class Saddle:
         self.n, self.strings = equations.size, len(equations.model.strings)
         self.size = self.n + len(equations.bar_length)
         self._matrix = np.zeros((self.size + 1, self.size + 1))
+        self._wide = np.zeros((self.strings + len(equations.bar_length), self.balance.wide))
         self._tangent = self._matrix[: self.n, : self.n]
         self._diagonal = self._tangent.reshape(-1)[:0] if not self.n else np.einsum("ii->i", self._tangent)
         self._half_square = 0.5 * equations.bar_length**2
@@ -77,19 +78,22 @@ class Saddle:
         self.laws = laws
         self.tension, self.stiffness, self.bend = laws(self.elongation)
         density = np.concatenate((self.tension / shape.length, z[n:]))
-        self._rows = balance.rows(shape)
+        self._rows = balance.rows(shape, self._wide)
         self.force = self.equations.load(parameter) - density @ self._rows
         self.missing = self._half_square - 0.5 * shape.squared[count:]
         self._tangent[:] = balance.stiffness(shape, self.stiffness, density)
         self._matrix[:n, n:-1] = self._rows[count:].T
-        self.push = self.equations.push(self._rows[:count], self.stiffness / shape.length)
 
     def solve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """(n+B,), (n+B,): dz for F and c, and for g; None where the system is singular."""
         right = np.zeros((2, self.size))
-        right[0, : self.n], right[0, self.n :], right[1, : self.n] = self.force, self.missing, self.push
+        right[0, : self.n], right[0, self.n :], right[1, : self.n] = self.force, self.missing, self._push()
         found = self._solved(right)
         return None if found is None else (found[0], found[1])
+
+    def _push(self) -> np.ndarray:
+        """(n,) N: g."""
+        return self.equations.push(self._rows[: self.strings], self.stiffness / self.length)
 
     def directions(self, strings: np.ndarray) -> np.ndarray:
         """(C, n) u, the derivatives of strings' lengths by the free coordinates."""
@@ -104,7 +108,7 @@ class Saddle:
         n = self.n
         self._matrix[:n, -1] = direction
         right = np.zeros((3, self.size + 1))
-        right[0, :n], right[0, n:-1], right[1, :n], right[2, -1] = self.force, self.missing, self.push, 1.0
+        right[0, :n], right[0, n:-1], right[1, :n], right[2, -1] = self.force, self.missing, self._push(), 1.0
         found = self._solved(right)
         return None if found is None else Bordered(*((row[:-1], float(row[-1])) for row in found))
 

@@ -32,7 +32,7 @@ from .points import PathError, Point
 
 #: How far beyond a path's end the flow sets out, as part of p's whole way, by why the path ends.
 BEYOND = {"limit": 1e-7, "branch": 1e-7, "kink": 1e-7, "loose": 1e-4}
-PART_OF_BAR, PART_OF_BEAM = 0.02, 0.2  # longest step of the flow, of a node and of the elongation of what snaps
+PART_OF_BAR, PART_OF_FALL = 0.02, 0.3  # longest step of the flow: of a node, and of what snaps as part of its shortest fall
 FIRST_SPAN, LATER = 0.25, 1.5  # s: of a sudden load, before the first look; each span is so much longer than the one before
 
 
@@ -182,7 +182,7 @@ class FlowSurface(statics.Surface):
         super().__init__(model, loading.forces(parameter), statics.Modes, balance=equations.balance)
         self.equations, self.parameter = equations, parameter
         self._far = PART_OF_BAR * float(model.bar_length.min())
-        self._narrow = PART_OF_BEAM * equations.laws.narrow
+        self._narrow = PART_OF_FALL * equations.laws.narrow
         self._trial: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # a step, where it leads, the elongations there
         self._elongation = np.zeros(len(model.strings))  # where the surface was asked last
 

@@ -109,7 +109,7 @@ class StringLaws:
 
     def piece_of(self, elongation: np.ndarray) -> np.ndarray:
         """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
-        return (elongation[:, None] > self._ends).sum(axis=1)
+        return np.add.reduce(elongation[:, None] > self._ends, axis=1)
 
     def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,), (S,) m: elongations at which these pieces begin and end."""
@@ -144,14 +144,14 @@ class StringLaws:
     def energy(self, elongation: np.ndarray, piece: np.ndarray) -> np.ndarray:
         """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
         row, powers, _ = self._place(elongation, piece, DEGREE + 2)
-        return np.einsum("ij,ij->i", self._energy[row], powers)
+        return np.einsum("ij,ij->i", self._energy.take(row, axis=0), powers)
 
     def _place(self, elongation, piece, count: int = DEGREE + 1):
         """Row of each string's panel, powers of its t there (S, count), and how far (m) it lies beyond its piece."""
         at = self._all + piece
         row = ((elongation - self._start[at]) * self._density[at]).astype(int)
         row = self._first[at] + np.minimum(np.maximum(row, 0), self._most[at])
-        centre, half, reach = self._spans[:, row]
+        centre, half, reach = self._spans.take(row, axis=1)
         t = (elongation - centre) / half
         inside = np.minimum(np.maximum(t, -reach), reach)
         powers = np.empty((len(row), count))
@@ -181,7 +181,7 @@ class OnPieces:
         self._start, self._density = laws._start[at], laws._density[at]
         self._first, self._most = first[self.curved], most[self.curved]
         self._laws, self._spans = laws._laws, laws._spans
-        self._powers = np.ones((len(at), DEGREE + 1, 1))
+        self._powers, self._none = np.ones((len(at), DEGREE + 1, 1)), np.zeros(len(at), dtype=int)
 
     def __call__(self, elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(S,) N, (S,) N/m at elongations (S,), m, and (C,) N/m2, the slope of the curved strings' stiffness."""
@@ -190,16 +190,16 @@ class OnPieces:
             return force, self._stiffness, self._start
         x = elongation[self.curved]
         row = ((x - self._start) * self._density).astype(int)
-        row = self._first + np.minimum(np.maximum(row, 0), self._most)
-        centre, half, reach = self._spans.take(row, axis=1)
+        np.minimum(np.maximum(row, self._none, out=row), self._most, out=row)
+        centre, half, reach = self._spans.take(row + self._first, axis=1)
         t = inside = (x - centre) / half
-        beyond = (np.abs(t) > reach).any()
+        beyond = np.count_nonzero(np.abs(t) > reach)
         if beyond:
             inside = np.minimum(np.maximum(t, -reach), reach)
         powers = self._powers
         powers[:, 1:, 0] = inside[:, None]
         np.multiply.accumulate(powers, axis=1, out=powers)
-        tension, stiffness, bend = (self._laws.take(row, axis=0) @ powers)[:, :, 0].T
+        tension, stiffness, bend = (self._laws.take(row + self._first, axis=0) @ powers)[:, :, 0].T
         if beyond:
             over = (t - inside) * half
             tension = tension + over * (stiffness + 0.5 * bend * over)

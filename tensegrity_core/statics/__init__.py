@@ -8,7 +8,7 @@ from .forces import equilibrium_matrix, loads, member_forces, members, places, r
 from .matrices import Dense, TooLarge, free_rows, freedoms, lengths_between, require_small
 from .settling import NoEquilibrium, descend, settle
 from .start import build_model
-from .strings import string_branches, string_elongation, string_energy, string_tension
+from .strings import string_branches, string_energy, string_tension
 from .surface import NEUTRAL, Modes, Surface, SurfacePoint, is_stable, stability, step_limit, tangent_stiffness
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "stability",
     "step_limit",
     "string_branches",
-    "string_elongation",
     "string_energy",
     "string_tension",
     "tangent_stiffness",

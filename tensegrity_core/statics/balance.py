@@ -55,7 +55,8 @@ class Reduced(NamedTuple):
 class Balance:
     """Forces and tangent stiffness of a model at any free coordinates (n,).  matrix: `Dense` or `Sparse`.
 
-    size: n; place: (N, D), see `places`; start: (n,) m; bar_length: (B,) m, which the bars keep.
+    size: n; wide: n and the fixed nodes' coordinates; place: (N, D), see `places`; start: (n,) m; bar_length: (B,) m, which the
+    bars keep.
     """
 
     def __init__(self, model: Model, matrix: type[Dense | Sparse] = Dense):
@@ -68,11 +69,16 @@ class Balance:
         among[model.fixed_nodes] = self.size + np.arange(len(self._held)).reshape(-1, axes)
         self._ends = np.ascontiguousarray(among[members(model)].transpose(1, 2, 0))  # (2, D, S+B)
         self._first, self._second = self._ends
-        self._all = self.size + len(self._held)
-        beginning = self._all * np.arange(len(self._first[0]))  # of a member's row
+        self.wide = self.size + len(self._held)
+        beginning = self.wide * np.arange(len(self._first[0]))  # of a member's row
         self._row_first, self._row_second = self._first + beginning, self._second + beginning
         self._pulled = {count: self._pulled_by(count) for count in (self._count, len(self._first[0]))}
         self._matrix = self._stiffness_entries(matrix)
+        self._values = np.empty((4, axes, axes, len(self._first[0])))  # B, -B, -B, B of every member
+        self._blocks = self._values[0], self._values[1:3], self._values[3]
+        self._along = np.einsum("iim->im", self._values[0])  # B along its diagonal
+        self._material = np.zeros(len(self._first[0]))  # k - q of strings, 0 of bars
+        self._of_strings = self._material[: self._count]
         self._prepare_bars(matrix)
 
     def _pulled_by(self, count: int) -> np.ndarray:
@@ -99,7 +105,7 @@ class Balance:
         split = np.split(self._ends, [self._count], axis=2)
         self._ends_of_strings, self._ends_of_bars = (np.ascontiguousarray(ends) for ends in split)
         first, second = self._ends_of_bars
-        self._unfelt, self._stiff = np.zeros(len(self._held)), np.zeros(len(model.bars))
+        self._unfelt = np.zeros(len(self._held))
         turning = np.arange(len(model.bars) * (D - 1)).reshape(-1, D - 1).T[None]  # (1, D-1, B)
         shifts = turning.size + np.arange(int(afloat.sum()) * D).reshape(-1, D).T
         lone = self.place[model.lone_nodes].ravel()
@@ -152,7 +158,7 @@ class Balance:
     def unbalanced(self, shape: Shape, load: np.ndarray, density: np.ndarray) -> np.ndarray:
         """(n,) N: loads (n,) and the pull of the strings, or of all members, with these force densities, N/m."""
         pull = (density * shape.vectors[:, : len(density)]).ravel()
-        return np.bincount(self._pulled[len(density)], np.concatenate((load, pull, -pull)), self._all)[: self.size]
+        return np.bincount(self._pulled[len(density)], np.concatenate((load, pull, -pull)), self.wide)[: self.size]
 
     def bar_density(self, shape: Shape, force: np.ndarray) -> np.ndarray:
         """(B,) N/m: bar force densities that balance forces (n,) best; no two bars share a node."""
@@ -162,12 +168,14 @@ class Balance:
 
     def stiffness(self, shape: Shape, stiffness: np.ndarray, density: np.ndarray) -> Matrix:
         """(n, n) N/m: K, from the strings' stiffnesses (S,), N/m, and all members' force densities (S+B,), N/m."""
+        np.subtract(stiffness, density[: self._count], out=self._of_strings)
         unit = shape.vectors / shape.lengths
-        material = np.concatenate((stiffness - density[: self._count], self._stiff))
-        blocks = (material * unit)[:, None] * unit
-        blocks.reshape(len(unit) ** 2, -1)[:: len(unit) + 1] += density  # B along its diagonal
-        across = -blocks
-        return self._matrix(np.concatenate((blocks, across, across, blocks)))
+        block, across, last = self._blocks
+        np.multiply((self._material * unit)[:, None], unit, out=block)
+        self._along += density
+        np.negative(block, out=across)
+        last[:] = block
+        return self._matrix(self._values)
 
     def basis(self, shape: Shape) -> Matrix:
         """(n, r) orthonormal: turns of every bar across itself (a Householder reflection), shifts of those afloat and of nodes
@@ -178,9 +186,9 @@ class Balance:
         across = ((self._one - mirror[:, None] * scaled[:-1]) * self._share).ravel()
         return self._directions(np.concatenate((-across, across, self._still)))
 
-    def rows(self, shape: Shape) -> np.ndarray:
-        """(S+B, n) m: derivatives of half the members' squared lengths."""
-        rows = np.zeros((len(shape.squared), self._all))
+    def rows(self, shape: Shape, out: np.ndarray | None = None) -> np.ndarray:
+        """(S+B, n) m: derivatives of half the members' squared lengths; out: (S+B, `wide`), zeros at first."""
+        rows = np.zeros((len(shape.squared), self.wide)) if out is None else out
         flat = rows.reshape(-1)
         flat[self._row_second] = shape.vectors
         flat[self._row_first] = -shape.vectors

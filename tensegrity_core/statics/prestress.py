@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError, TensegrityError
-from ..laws import hysteresis
+from ..laws import hysteresis, string_law
 from ..model import Model
 from .forces import equilibrium_matrix, loads, residual, round_off
 from .matrices import TooLarge, free_rows, lengths_between, lstsq, null_space, require_small
-from .strings import string_elongation, string_tension
+from .strings import string_tension
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -86,7 +86,7 @@ def rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray:
             continue
         pull = float(tension[i])
         try:
-            elongation = string_elongation(model, i, pull)
+            elongation = string_law(model, i).elongation(pull)
         except (InputError, hysteresis.NoStableState) as failure:
             key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
             raise scene.error(key, *two_parts(failure)) from None

@@ -42,24 +42,25 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     first, last = (none if f is None else np.asarray(f, dtype=float) for f in (force_before, force))
     if np.array_equal(first, last) and np.array_equal(goal, model.rest_length):
         steps = 1
-    free, branches = free_rows(model, model.nodes), string_branches(model, lengths_between(model.nodes, model.strings))
+    free, laws = free_rows(model, model.nodes), string_branches(model, lengths_between(model.nodes, model.strings))
     balance: Balance | None = None  # that of the first step: rest lengths make no difference to it
     for step in range(1, steps + 1):
         part = step / steps  # exactly 1 at the end
         loaded = replace(model, rest_length=(1.0 - part) * model.rest_length + part * goal)
-        surface = Surface(loaded, (1.0 - part) * first + part * last, branches=branches, balance=balance)
+        surface = Surface(loaded, (1.0 - part) * first + part * last, laws=laws, balance=balance)
         balance = surface.balance
         free = descend(surface, free, surface.balanced if step == steps else surface.nearly_balanced)
-        branches = surface.branches
+        laws = surface.laws
     nodes = model.nodes if balance is None else balance.nodes(free)
     settled, length = replace(model, nodes=nodes, rest_length=goal), lengths_between(nodes, model.strings)
     anew = string_branches(settled, length)
-    for i, branch in string_branches(settled, length, branches).items():
-        if anew[i] != branch:
-            name, count = model.string_names[i], anew[i].snapped
+    there = string_branches(settled, length, laws)
+    for i in model.memories:
+        if anew[i] != there[i]:
+            count, others = (at[i].snapped_on_piece(0) for at in (there, anew))
             raise NoEquilibrium(
-                f"string {name} settles with {branch.snapped} of its parts snapped, but stretching it "
-                f"from slack leaves {count} so, and a start has no other memory"
+                f"string {model.string_names[i]} settles with {count} of its parts snapped, but stretching it "
+                f"from slack leaves {others} so, and a start has no other memory"
             )
     return settled
 

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from .. import laws
+from ..laws import curved_laws
 from ..model import Model
 from .analysis import rigid_body_motions
 from .balance import Balance
 from .forces import BALANCED, EPS, coordinate_force, loads
 from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, lengths_between, require_small
-from .strings import Branches, string_branches, string_energy, string_tension, strings_from
+from .strings import Laws, string_branches, string_energy, string_tension, string_values
 
 SMALL = 300  # degrees of freedom up to which settling works with dense matrices and all eigenvectors
 NEUTRAL = 1e-10  # eigenvalues below this part of the largest are round-off
@@ -136,20 +136,18 @@ class SurfacePoint(NamedTuple):
 class Surface:
     """A model under constant loads, as a potential energy over the free coordinates (n,) that keep the bars' lengths.
 
-    branches: where the strings with memory stand; `keep` moves them along, and without it they stay.
+    laws: of the strings, those with memory where they stand; `keep` moves them along, and without it they stay.
     balance: of the model, where it is made already; it does not depend on rest lengths.
     """
 
-    def __init__(
-        self, model: Model, force=None, decomposition=None, branches: Branches | None = None, balance: Balance | None = None
-    ):
+    def __init__(self, model: Model, force=None, decomposition=None, laws: Laws | None = None, balance: Balance | None = None):
         self.model, self.load = model, loads(model, force)
         self.decomposition = decomposition or (Modes if freedoms(model) <= SMALL else _Factors)
         self.balance = balance or Balance(model, self.decomposition.assembled)
         self.size, self.start = self.balance.size, self.balance.start
         length = lengths_between(model.nodes, model.strings)
-        self.branches = string_branches(model, length) if branches is None else branches
-        tension = string_tension(model, length, self.branches)
+        self.laws = string_branches(model, length) if laws is None else laws
+        tension = string_tension(model, length, self.laws)
         largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())
         self.balanced = max(0.5 * BALANCED, 16.0 * EPS * (coordinate_force(model) + largest_force))
         span = float(np.ptp(model.nodes, axis=0).max())
@@ -160,18 +158,21 @@ class Surface:
 
     def keep(self, free: np.ndarray) -> None:
         """Strings with memory follow to these coordinates for good."""
-        if self.branches:
-            self.branches = string_branches(self.model, self.balance.lengths(free), self.branches)
+        if self.model.memories:
+            self.laws = string_branches(self.model, self.balance.lengths(free), self.laws)
 
     def energy(self, free: np.ndarray) -> float:
-        stored = string_energy(self.model, self.balance.lengths(free), self.branches)
+        stored = string_energy(self.model, self.balance.lengths(free), self.laws)
         return self.balance.energy(stored, self._felt, free)
 
     def at(self, free: np.ndarray) -> SurfacePoint:
         """Energy, force and tangent stiffness along the directions that keep the bars' lengths."""
-        laws = strings_from(self.model, self.branches)
-        found = self.balance.at(free, self.model.rest_length, self._felt, laws)
+        found = self.balance.at(free, self.model.rest_length, self._felt, self._strings)
         return SurfacePoint(self.energy(free), found.basis, found.pull, self.decomposition(found.tangent))
+
+    def _strings(self, elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (S,), N, and stiffness (S,), N/m, at elongations (S,), m."""
+        return tuple(string_values(self.model, what, elongation, self.laws) for what in ("force", "stiffness"))
 
     def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Free coordinates after a step (n,), with the bars at their lengths."""
@@ -226,8 +227,8 @@ def is_stable(values: np.ndarray) -> bool:
 
 def step_limit(model: Model) -> float:
     """m: longest way of a node in one step: small beside the structure and beside the falling pieces of force laws."""
-    narrow = min((law.narrow for law in laws.curved_laws(model).values()), default=np.inf)
-    return min(5e-3 * float(model.bar_length.min()), 0.2 * narrow)
+    narrow = min((law.narrow for law in curved_laws(model).values()), default=np.inf)
+    return min(5e-3 * float(model.bar_length.min()), 0.3 * narrow)
 
 
 def _flow(values: np.ndarray, time: float) -> np.ndarray:
