@@ -142,7 +142,7 @@ def landing(path: Path, parameter: float, side: float, steps: LoadSteps | None =
     """
     equations, last = path.equations, path.points[-1]
     escape = _escape(path, side)
-    start = equations.moved(last.free, 0.1 * statics.step_limit(equations.model) * escape)
+    start = equations.moved(last.free, 0.15 * statics.step_limit(equations.model) * escape)
     found = quick_flow.settled(steps.saddle, start, escape, parameter) if steps else None
     here = None if steps is None or found is None else steps.arrived(found, parameter, side)
     if here is None:

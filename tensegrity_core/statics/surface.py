@@ -228,7 +228,7 @@ def is_stable(values: np.ndarray) -> bool:
 def step_limit(model: Model) -> float:
     """m: longest way of a node in one step: small beside the structure and beside the falling pieces of force laws."""
     narrow = min((law.narrow for law in curved_laws(model).values()), default=np.inf)
-    return min(5e-3 * float(model.bar_length.min()), 0.3 * narrow)
+    return min(5e-3 * float(model.bar_length.min()), 0.2 * narrow)
 
 
 def _flow(values: np.ndarray, time: float) -> np.ndarray:
