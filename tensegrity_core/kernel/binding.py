@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_void_p
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from ..quantities import number
 from .packing import to_bytes
 
 LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
+BESIDE = Path(__file__).resolve().parent.parent / "native"
 
 
 class _Transition(ctypes.Structure):
@@ -88,10 +90,16 @@ _PROTOTYPES = {
 
 def load_library(path: Path | None = None) -> ctypes.CDLL:
     """The compiled kernel; path: the file, default beside this module's native sources."""
-    path = Path(path) if path is not None else Path(__file__).resolve().parent.parent / "native" / LIBRARY
+    path = Path(path) if path is not None else BESIDE / LIBRARY
     if not path.is_file():
         raise TensegrityError(f"the compiled kernel {path} is missing; install the package: pip install -e .")
-    library = ctypes.CDLL(str(path))
+    return _loaded(str(path), path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _loaded(path: str, changed: int) -> ctypes.CDLL:
+    """A library with the types of its functions, which take longer than a small model; changed: when the file was, ns."""
+    library = ctypes.CDLL(path)
     for name, (result, *arguments) in _PROTOTYPES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
