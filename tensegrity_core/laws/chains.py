@@ -10,7 +10,7 @@ from .beam import EPS
 from .pieces import TIE, Piece, bracketed_newton
 
 #: Parts of a chain between which a first guess is interpolated; elongations whose solutions are kept.
-GUESSES, KEPT = 32, 256
+GUESSES, KEPT = 32, 4096
 
 
 class Chain:
