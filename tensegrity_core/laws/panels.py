@@ -62,8 +62,8 @@ def _interpolated(start: float, end: float, values, energy, error: float) -> tup
 
     values: force and stiffness at several elongations (2, n); energy: J at one.
     """
-    best, best_error = (), np.inf
-    count = 4
+    best: tuple[Panel, ...] = ()
+    best_error, count = np.inf, 4
     while count <= MAX_PANELS:
         panels, largest = _fitted(start, end, values, energy, count)
         if largest < best_error:
@@ -82,12 +82,15 @@ def _fitted(start: float, end: float, values, energy, count: int) -> tuple[tuple
     for i in range(count):
         centre = start + (2 * i + 1) * half
         exact = values(centre + half * np.concatenate((NODES, between)))
-        fits = [
-            chebyshev.cheb2poly(chebyshev.chebinterpolate(lambda _, row=row: row, DEGREE)) for row in exact[:, : len(NODES)]
-        ]
-        error = max(error, float(np.abs(polynomial.polyval(between, fits[0]) - exact[0, len(NODES) :]).max()))
-        panels.append(panel(centre, half, 1.0, *fits, energy(centre - half)))
+        force, stiffness = (chebyshev.cheb2poly(_through(row)) for row in exact[:, : len(NODES)])
+        error = max(error, float(np.abs(polynomial.polyval(between, force) - exact[0, len(NODES) :]).max()))
+        panels.append(panel(centre, half, 1.0, force, stiffness, energy(centre - half)))
     return tuple(panels), error
+
+
+def _through(values: np.ndarray) -> np.ndarray:
+    """Chebyshev coefficients of the polynomial with these values at NODES."""
+    return chebyshev.chebinterpolate(lambda _: values, DEGREE)
 
 
 def _local(curve, start: float, end: float) -> np.ndarray | None:

@@ -86,7 +86,7 @@ class Snaps:
                 f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
                 "force belongs to an elongation; use law = 'hysteretic', or let its force rise that far"
             )
-        way = []
+        way: list[Piece] = []
         for n in range(first, last + 1):
             one = part.monotone[n]
             start = self.u[i] if n == first else one.start

@@ -172,7 +172,8 @@ class Surface:
 
     def _strings(self, elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tension (S,), N, and stiffness (S,), N/m, at elongations (S,), m."""
-        return tuple(string_values(self.model, what, elongation, self.laws) for what in ("force", "stiffness"))
+        force = string_values(self.model, "force", elongation, self.laws)
+        return force, string_values(self.model, "stiffness", elongation, self.laws)
 
     def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Free coordinates after a step (n,), with the bars at their lengths."""
