@@ -508,12 +508,14 @@ class LoadSteps:
         if len(touching) > 1:
             return self._anew(kink, new, touching, high, way)
         outward = 1.0 if high[string] else -1.0
-        _, stiffness, bend = self.equations.laws.one(string, int(piece[string]), float(elongation[string]))
+        _, stiffnesses, bend = new(elongation)
+        stiffness = float(stiffnesses[string])
         reserve = kink.reserve + stiffness - kink.stiffness
         if not (kink.load_rate * way * outward > 0.0 and reserve > 0.0):
             raise Doubt
         rate = kink.rate + (reserve - kink.reserve) / kink.lever * kink.push
-        kink.bends[string] = bend
+        kink.bends[:] = 0.0
+        kink.bends[new.curved] = bend
         return self._bent(
             replace(kink, laws=new, reserve=reserve, rate=rate, tangent=rate * (kink.lever / reserve), stiffness=stiffness)
         )

@@ -276,7 +276,8 @@ class _Follower:
         equations, above = self.equations, below.copy()
         above[touching] += 1
         base = equations.at(free, parameter, below)
-        gain = ups * (equations.laws(base.elongation, above)[1] - equations.laws(base.elongation, below)[1])[touching]
+        stiffer, softer = (equations.laws.on(piece)(base.elongation)[1] for piece in (above, below))
+        gain = ups * (stiffer - softer)[touching]
         wound = equations.loading.rest_length_direction[touching]
         growth = base.growth[touching] @ base.basis
         matrix = np.repeat(bordered(base, self.scale, along)[None], len(ups), axis=0)

@@ -13,7 +13,6 @@ from .curves import HeldCurve
 DEGREE = 11
 ACCURACY = 2e-15  # largest error of a rise's force, relative to the end force
 MAX_PANELS = 256
-POWERS = np.arange(DEGREE + 1)
 NODES = chebyshev.chebpts1(DEGREE + 1)
 
 

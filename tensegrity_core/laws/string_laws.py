@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..model import Model
 from ..model.elements import Element, Spring
 from .elements import law
-from .panels import DEGREE, POWERS, NoPanels, Panel, table
+from .panels import DEGREE, NoPanels, Panel, table
 
 MOST_KNOWN = 1000  # combinations of pieces that are kept ready
 
@@ -51,16 +51,15 @@ class StringLaws:
 
     elements: what each string is made of; stiffness: of all strings, N/m.
 
-    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; last: (S,) its last piece;
-    narrow: (S,) m, what a step of the elongation must be small beside, inf where nothing falls.
+    lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; narrow: (S,) m,
+    what a step of the elongation must be small beside, inf where nothing falls.
     """
 
     def __init__(self, elements: tuple[Element, ...], stiffness: tuple[float, ...]):
-        pieces, ends = [], [law(element).breakpoints for element in elements]
-        for i, (element, k) in enumerate(zip(elements, stiffness)):
+        made, pieces = [law(element, k) for element, k in zip(elements, stiffness)], []
+        for i, one in enumerate(made):
             try:
-                made = law(element, k)
-                pieces.append([made.panels(piece) for piece in range(len(made.breakpoints) + 1)])
+                pieces.append([one.panels(piece) for piece in range(len(one.breakpoints) + 1)])
             except NoPanels as failure:
                 failure.string = i
                 raise
@@ -71,11 +70,11 @@ class StringLaws:
         self.lower, self.upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         first, count = np.zeros(shape, dtype=int), np.ones(shape, dtype=int)
         self._ends = np.full((len(pieces), max(most - 1, 0)), np.inf)
-        self.last = np.array([len(p) - 1 for p in pieces], dtype=int)
         rows: dict[tuple, int] = {}
         panels: list[Panel] = []
-        for s, (own, breaks) in enumerate(zip(pieces, ends)):
-            self._ends[s, : len(breaks)] = breaks
+        for s, own in enumerate(pieces):
+            breaks = self._ends[s, : len(own) - 1]
+            breaks[:] = made[s].breakpoints
             self.lower[s, 1 : len(own)], self.upper[s, : len(own) - 1] = breaks, breaks
             for p, row in enumerate(own):
                 key = (elements[s], p, stiffness[s])
@@ -92,20 +91,7 @@ class StringLaws:
         laws_of = [p.force for p in panels], [p.stiffness for p in panels], bends
         self._laws = np.stack([table(rows) for rows in laws_of], axis=1)
         self._energy = table([p.energy for p in panels], DEGREE + 2)
-        self.falls = self._falling()
-        self.narrow = np.array([law(element).narrow for element in elements])
-
-    def _falling(self) -> np.ndarray:
-        """(S, P): whether the stiffness is negative somewhere on a piece."""
-        found = np.zeros(self.lower.shape, dtype=bool)
-        for part in np.linspace(0.05, 0.95, 10):
-            for piece in range(1, self.lower.shape[1]):
-                start, end = self.lower[:, piece], self.upper[:, piece]
-                inside = np.isfinite(start) & np.isfinite(end)
-                start, end = np.where(inside, start, 0.0), np.where(inside, end, 0.0)
-                x = start + part * (end - start)
-                found[:, piece] |= inside & (self(x, np.minimum(piece, self.last))[1] < 0.0)
-        return found
+        self.narrow = np.array([one.narrow for one in made])
 
     def piece_of(self, elongation: np.ndarray) -> np.ndarray:
         """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
@@ -114,23 +100,6 @@ class StringLaws:
     def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S,), (S,) m: elongations at which these pieces begin and end."""
         return self.lower.ravel()[self._all + piece], self.upper.ravel()[self._all + piece]
-
-    def __call__(self, elongation: np.ndarray, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(S,) N tension and (S,) N/m stiffness at elongations (S,), m, on these pieces (S,)."""
-        row, powers, over = self._place(elongation, piece)
-        force, stiffness, bend = (self._laws[row] @ powers[:, :, None])[:, :, 0].T
-        if over.any():
-            force = force + over * (stiffness + 0.5 * bend * over)
-            stiffness = stiffness + bend * over
-        return force, stiffness
-
-    def one(self, string: int, piece: int, x: float) -> tuple[float, float, float]:
-        """N, N/m and N/m2 of one string on a piece at an elongation (m): tension, stiffness and its slope."""
-        at = self._all[string] + piece
-        row = self._first[at] + min(max(int((x - self._start[at]) * self._density[at]), 0), self._most[at])
-        centre, half, _ = self._spans[:, row]
-        force, stiffness, bend = (self._laws[row] @ ((x - centre) / half) ** POWERS).tolist()
-        return force, stiffness, bend
 
     def on(self, piece: np.ndarray) -> OnPieces:
         """The laws of these pieces (S,), ready for many elongations."""
@@ -143,33 +112,26 @@ class StringLaws:
 
     def energy(self, elongation: np.ndarray, piece: np.ndarray) -> np.ndarray:
         """(S,) J stored at elongations (S,), m, inside these pieces (S,)."""
-        row, powers, _ = self._place(elongation, piece, DEGREE + 2)
-        return np.einsum("ij,ij->i", self._energy.take(row, axis=0), powers)
-
-    def _place(self, elongation, piece, count: int = DEGREE + 1):
-        """Row of each string's panel, powers of its t there (S, count), and how far (m) it lies beyond its piece."""
         at = self._all + piece
         row = ((elongation - self._start[at]) * self._density[at]).astype(int)
         row = self._first[at] + np.minimum(np.maximum(row, 0), self._most[at])
         centre, half, reach = self._spans.take(row, axis=1)
         t = (elongation - centre) / half
-        inside = np.minimum(np.maximum(t, -reach), reach)
-        powers = np.empty((len(row), count))
-        powers[:, 0], powers[:, 1:] = 1.0, inside[:, None]
-        return row, np.multiply.accumulate(powers, axis=1, out=powers), (t - inside) * half
+        powers = np.ones((len(row), DEGREE + 2))
+        powers[:, 1:] = np.minimum(np.maximum(t, -reach), reach)[:, None]
+        np.multiply.accumulate(powers, axis=1, out=powers)
+        return np.einsum("ij,ij->i", self._energy.take(row, axis=0), powers)
 
 
 class OnPieces:
-    """Tension, stiffness and its slope of all strings, each on a fixed piece; as StringLaws, in less time.
+    """Tension, stiffness and its slope of all strings, each on a fixed piece.
 
-    piece: (S,); lower, upper: (S,) m, its ends; curved: (C,) the strings whose law there is no straight line; falling: those
-    whose stiffness is negative somewhere on the piece.
+    piece: (S,); lower, upper: (S,) m, its ends; curved: (C,) the strings whose law there is no straight line.
     """
 
     def __init__(self, laws: StringLaws, piece: np.ndarray):
         self.piece = piece
         self.lower, self.upper = laws.ends(piece)
-        self.falling = np.flatnonzero(laws.falls[np.arange(len(piece)), piece])
         at = laws._all + piece
         first, most = laws._first[at], laws._most[at]
         centre, _half, _reach = laws._spans[:, first]
