@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from tensegrity_core.files import write_text
+from benchmarks.harness.page import read_json, write_json
 
 #: The error at which contenders are compared, m.
 TARGET = 1e-8
@@ -34,29 +33,17 @@ def metres(error: float) -> str:
 
 
 def save(result: dict, path: Path) -> None:
-    """One line per ladder: its rungs as columns."""
-    ladders: dict[tuple, dict] = {}
-    for row in result["rows"]:
-        key = tuple(row[name] for name in KEY)
-        ladder = ladders.setdefault(key, dict(zip(KEY, key)))
-        for name in COLUMNS:
-            ladder.setdefault(name, []).append(row.get(name))
-    lines = [
-        json.dumps({k: v for k, v in ladder.items() if not isinstance(v, list) or any(x is not None for x in v)})
-        for ladder in ladders.values()
-    ]
-    head = {name: value for name, value in result.items() if name != "rows"}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(head, indent=1)[:-2] + ',\n "ladders": [\n  ' + ",\n  ".join(lines) + "\n ]\n}\n"
-    write_text(path, text)
+    """One object per ladder: its rungs as columns."""
+    ladders = []
+    for key, rungs in grouped(result["rows"], lambda row: tuple(row[name] for name in KEY)).items():
+        columns = {name: [row.get(name) for row in rungs] for name in COLUMNS}
+        ladders.append(dict(zip(KEY, key)) | {name: c for name, c in columns.items() if any(x is not None for x in c)})
+    write_json({name: value for name, value in result.items() if name != "rows"} | {"ladders": ladders}, path)
 
 
 def load(path: Path) -> dict:
     """What `save` wrote."""
-    if not path.is_file():
-        raise SystemExit(f"{path} is missing; measure first, without --redraw")
-    result = json.loads(path.read_text(encoding="utf-8"))
-    rows = []
+    result, rows = read_json(path), []
     for ladder in result.pop("ladders"):
         for i in range(len(ladder["setting"])):
             found = {name: value[i] if isinstance(value, list) else value for name, value in ladder.items()}
@@ -64,13 +51,31 @@ def load(path: Path) -> dict:
     return result | {"rows": rows}
 
 
-def fastest(rows: list[dict], problem: str, error: float = TARGET, **wanted) -> dict | None:
-    """The run of a problem with the least time among those that reach an error; wanted: values, or tuples of values, of its
-    columns."""
-    fitting = [row for row in rows if row["problem"] == problem and row["error"] is not None and row["error"] <= error]
-    for name, value in wanted.items():
-        allowed = value if isinstance(value, tuple) else (value,)
-        fitting = [row for row in fitting if row[name] in allowed]
+#: Kinds of contenders, as values, or tuples of values, of columns.  adaptive: what `auto` chooses from, and what it could; own:
+#: all of ours; across, located: SUNDIALS without root finding and with it.
+KINDS = {
+    "sundials": {"family": ("cvode", "arkode", "plain")},
+    "plain": {"family": "plain"},
+    "cvode": {"method": ("cvode_bdf", "cvode_adams"), "events": True},
+    "scipy": {"family": "scipy"},
+    "article": {"family": "article"},
+    "mujoco": {"family": "mujoco"},
+    "own": {"family": "kernel"},
+    "auto": {"family": "kernel", "method": "auto"},
+    "adaptive": {"family": "kernel", "method": ("dop853", "rodas5p", "radau9")},
+}
+KINDS["across"], KINDS["located"] = (KINDS["sundials"] | {"events": events} for events in (False, True))
+
+
+def of_kind(rows: list[dict], names: list[str], kind: str) -> list[dict]:
+    """The runs of some problems by a kind of contenders."""
+    wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in KINDS[kind].items()}
+    return [row for row in rows if row["problem"] in names and all(row[name] in those for name, those in wanted.items())]
+
+
+def fastest(rows: list[dict], problem: str, kind: str, error: float = TARGET) -> dict | None:
+    """The run of a problem with the least time among those of a kind that reach an error."""
+    fitting = (row for row in of_kind(rows, [problem], kind) if row["error"] is not None and row["error"] <= error)
     return min(fitting, key=lambda row: row["ms_least"], default=None)
 
 
@@ -79,21 +84,18 @@ def ratio(slow: dict | None, fast: dict | None) -> float | None:
     return slow["ms_least"] / fast["ms_least"] if slow and fast else None
 
 
-def ratios(rows: list[dict], names: list[str], slow: dict, fast: dict, error: float = TARGET) -> list[float]:
+def ratios(rows: list[dict], names: list[str], slow: str, fast: str = "auto", error: float = TARGET) -> list[float]:
     """Times of the fastest runs of one kind over those of another, where both reach the error."""
-    found = [ratio(fastest(rows, name, error, **slow), fastest(rows, name, error, **fast)) for name in names]
+    found = [ratio(fastest(rows, name, slow, error), fastest(rows, name, fast, error)) for name in names]
     return [value for value in found if value is not None]
 
 
-#: Kinds of contenders, as conditions for the functions above.
-SUNDIALS = {"family": ("cvode", "arkode", "plain")}
-PLAIN = {"family": "plain"}
-CVODE = {"method": ("cvode_bdf", "cvode_adams"), "events": True}
-SCIPY = {"family": "scipy"}
-OWN = {"family": "kernel"}
-AUTO = {"family": "kernel", "method": "auto"}
-#: What `auto` chooses from, and what it could.
-ADAPTIVE = {"family": "kernel", "method": ("dop853", "rodas5p", "radau9")}
+def grouped(rows: list[dict], key) -> dict:
+    """Rows by what the key says of them."""
+    found: dict = {}
+    for row in rows:
+        found.setdefault(key(row), []).append(row)
+    return found
 
 
 def front(rows: list[dict], quantity: str = "error") -> list[dict]:

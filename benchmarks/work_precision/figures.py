@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from benchmarks.harness.page import new_figure
 
-from .data import front
+from .data import front, grouped
 
 OWN = {"auto": "#000000", "dop853": "#d62728", "rodas5p": "#1f4fd8", "radau9": "#8e24aa", "rk4": "#e08a00", "ros2": "#00897b"}
 #: For a method of the kernel that is not listed above.
@@ -69,13 +69,6 @@ def family_style(name: str) -> dict:
 
 def shown(rows: list[dict], quantity: str) -> list[dict]:
     return [row for row in rows if row.get(quantity) and row["ms_per_s"] and row[quantity] <= SHOWN]
-
-
-def grouped(rows: list[dict], key) -> dict:
-    found: dict = {}
-    for row in rows:
-        found.setdefault(key(row), []).append(row)
-    return found
 
 
 class Panel:

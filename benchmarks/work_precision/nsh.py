@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,27 +72,17 @@ def measure(tools: Tools, folder: Path, rounds: int) -> list[dict]:
 
 
 def _row(scene: str, damping: float, case: Case) -> dict:
-    return {
-        "scene": scene,
-        "damping": damping,
-        "push": case.push,
-        "tolerance": case.tolerance,
-        "transitions": case.transitions,
-        "ms": float(f"{1e3 * min(case.seconds):.4g}"),
-    }
+    found = {"scene": scene, "damping": damping, "push": case.push, "tolerance": case.tolerance}
+    return found | {"transitions": case.transitions, "ms": float(f"{1e3 * min(case.seconds):.4g}")}
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Medians over the pushes without NSH and with, ms or µs; ratios: with over without, push by push."""
+class Cost(NamedTuple):
+    """Medians over the pushes without NSH and with, ms or µs; ratios: with over without, push by push, and their median."""
 
     plain: float
     nsh: float
     ratios: tuple[float, ...]
-
-    @property
-    def ratio(self) -> float:
-        return median(self.ratios)
+    ratio: float
 
 
 def _cost(pairs: list[tuple[float, float]]) -> Cost | None:
@@ -99,7 +90,8 @@ def _cost(pairs: list[tuple[float, float]]) -> Cost | None:
     if not pairs:
         return None
     plain, nsh = zip(*pairs)
-    return Cost(median(plain), median(nsh), tuple(b / a for a, b in pairs))
+    ratios = tuple(b / a for a, b in pairs)
+    return Cost(median(plain), median(nsh), ratios, median(ratios))
 
 
 def costs(runs: list[dict], damping: float) -> tuple[Cost | None, Cost | None]:

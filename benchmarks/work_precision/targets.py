@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from . import nsh
-from .data import ADAPTIVE, AUTO, SCIPY, SUNDIALS, TARGET, fastest, metres, ratio
+from .data import fastest, ratio
 
 #: By damping, N s/m: how many times faster than SUNDIALS `auto` is to be; ms that an earlier trial of the same physics reached,
 #: and the aim.
@@ -35,101 +35,77 @@ def over_own(result: dict) -> dict[str, list[float | None]]:
     """By problem: `auto` over the fastest of our other adaptive methods, at ERRORS."""
     rows = result["rows"]
     return {
-        name: [ratio(fastest(rows, name, error, **AUTO), fastest(rows, name, error, **ADAPTIVE)) for error in ERRORS]
+        name: [ratio(fastest(rows, name, "auto", error), fastest(rows, name, "adaptive", error)) for error in ERRORS]
         for name in result["problems"]
     }
 
 
+def known(values) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def over_peers(result: dict, kind: str) -> dict[int, float | None]:
+    """By damping: the fastest peer of a kind over `auto`."""
+    rows = result["rows"]
+    return {d: ratio(fastest(rows, name_of(d), kind), fastest(rows, name_of(d), "auto")) for d in OVER_SUNDIALS}
+
+
 def listed(result: dict) -> list[Target]:
     """Those that the data tell."""
-    rows, found = result["rows"], []
-    for damping, asked in OVER_SUNDIALS.items():
-        auto = fastest(rows, name_of(damping), **AUTO)
-        reached = ratio(fastest(rows, name_of(damping), **SUNDIALS), auto)
-        if reached:
-            found.append(Target(f"best SUNDIALS / `auto`, d = {damping}", f"≥ {asked:g}", f"{reached:.3g}", reached >= asked))
-    scipy = [ratio(fastest(rows, name_of(d), **SCIPY), fastest(rows, name_of(d), **AUTO)) for d in OVER_SUNDIALS]
-    if known := [value for value in scipy if value]:
+    found = []
+    for damping, value in over_peers(result, "sundials").items():
+        if value:
+            asked = OVER_SUNDIALS[damping]
+            found.append(Target(f"best SUNDIALS / `auto`, d = {damping}", f"≥ {asked:g}", f"{value:.3g}", value >= asked))
+    if scipy := known(over_peers(result, "scipy").values()):
         what = "best SciPy over the compiled right-hand side / `auto`, least over d"
-        found.append(Target(what, f"≥ {OVER_SCIPY:g}", f"{min(known):.3g}", min(known) >= OVER_SCIPY))
+        found.append(Target(what, f"≥ {OVER_SCIPY:g}", f"{min(scipy):.3g}", min(scipy) >= OVER_SCIPY))
     for damping, (asked, aim) in TRIAL_MS.items():
-        if auto := fastest(rows, name_of(damping), **AUTO):
+        if auto := fastest(result["rows"], name_of(damping), "auto"):
             time = auto["ms_least"]
             reached = f"{time:.3g}, aim {'met' if time <= aim else 'missed'}"
             found.append(Target(f"`auto`, ms, d = {damping}", f"≤ {asked:g}, aim {aim:g}", reached, time <= asked))
-    return found + own_targets(result) + nsh_targets(result)
-
-
-def own_targets(result: dict) -> list[Target]:
-    values = [value for line in over_own(result).values() for value in line if value is not None]
-    if not values:
-        return []
-    over = sum(value > OVER_OWN for value in values)
-    reached = f"{max(values):.3g}; above in {over} of {len(values)}"
-    return [Target("`auto` / our best other, largest over problems and errors", f"≤ {OVER_OWN:g}", reached, not over)]
-
-
-def nsh_targets(result: dict) -> list[Target]:
-    """Largest ratio over the dampings."""
-    runs, found = result.get("nsh", []), []
+    if own := known(value for line in over_own(result).values() for value in line):
+        over = sum(value > OVER_OWN for value in own)
+        reached = f"{max(own):.3g}; above in {over} of {len(own)}"
+        what = "`auto` / our best other, largest over problems and errors"
+        found.append(Target(what, f"≤ {OVER_OWN:g}", reached, not over))
+    runs = result.get("nsh", [])
     both = [nsh.costs(runs, damping) for damping in dict.fromkeys(run["damping"] for run in runs)]
     for which, what in enumerate(("a transition-free second", "a transition")):
-        if known := [costs[which].ratio for costs in both if costs[which]]:
+        if largest := max((costs[which].ratio for costs in both if costs[which]), default=None):
             text = f"{what} with NSH / without, largest over d"
-            found.append(Target(text, f"≤ {OVER_PLAIN:g}", f"{max(known):.3g}", max(known) <= OVER_PLAIN))
+            found.append(Target(text, f"≤ {OVER_PLAIN:g}", f"{largest:.3g}", largest <= OVER_PLAIN))
     return found
 
 
-def shortfall(result: dict, damping: int, label) -> str | None:
-    """Why SUNDIALS is not beaten by as much as was asked, from counts and the time of a right-hand side; None where it is.
-    label: names a run's method."""
+def shortfall(result: dict, damping: int) -> dict | None:
+    """Of where SUNDIALS is not beaten by as much as was asked: both runs, ns of a right-hand side, the ms that `auto` spends in
+    them alone, how many times as fast it would be with nothing else, and how many of them it could afford; else None."""
     name, asked = name_of(damping), OVER_SUNDIALS[damping]
-    auto, best = (fastest(result["rows"], name, **kind) for kind in (AUTO, SUNDIALS))
+    auto, best = (fastest(result["rows"], name, kind) for kind in ("auto", "sundials"))
     if not auto or not best or ratio(best, auto) >= asked:
         return None
-    ns = result["problems"][name]["rhs_ns"]
-    bare = 1e-6 * auto["rhs"] * ns  # ms: right-hand sides alone
-    text = (
-        f"d = {damping}: to come within {metres(TARGET)} the fastest run of SUNDIALS, {label(best)}, evaluates {best['rhs']} "
-        f"right-hand sides and takes {best['ms_least']:.3g} ms; `auto` evaluates {auto['rhs']}. At {ns:.0f} ns each, a kernel "
-        f"whose every other cost were zero would take {bare:.2g} ms, and so be {best['ms_least'] / bare:.3g} times as fast. "
-    )
-    if best["ms_least"] / bare < asked:
-        allowed = 1e6 * best["ms_least"] / asked / ns
-        return text + (
-            f"{asked:g} is out of reach unless no more than {allowed:.0f} right-hand sides are needed; a faster right-hand "
-            "side would not do it, because SUNDIALS calls the same one."
-        )
-    spent = auto["ms_least"] - bare
-    return text + (
-        f"The other {spent:.2g} ms are those of {auto['jacobians']} Jacobians with their factorisations and solves, of step "
-        "size control, dense output and transitions: there the target would have to be gained."
-    )
+    ns, ms = result["problems"][name]["rhs_ns"], best["ms_least"]
+    bare = 1e-6 * auto["rhs"] * ns
+    found = {"damping": damping, "asked": asked, "auto": auto, "best": best, "ns": ns}
+    return found | {"bare": bare, "most": ms / bare, "allowed": 1e6 * ms / asked / ns}
 
 
-def scipy_shortfall(result: dict, label) -> str | None:
-    """The same of SciPy, at the damping where it comes closest."""
-    pairs = [(d, *(fastest(result["rows"], name_of(d), **kind) for kind in (SCIPY, AUTO))) for d in OVER_SUNDIALS]
-    near = min((pair for pair in pairs if pair[1] and pair[2]), key=lambda pair: ratio(*pair[1:]), default=None)
-    if near is None or ratio(*near[1:]) >= OVER_SCIPY:
+def scipy_shortfall(result: dict) -> dict | None:
+    """The runs of SciPy and `auto` at the damping where SciPy comes closest; None where it is beaten by enough."""
+    over = {damping: value for damping, value in over_peers(result, "scipy").items() if value}
+    near = min(over, key=over.get, default=None)
+    if near is None or over[near] >= OVER_SCIPY:
         return None
-    damping, scipy, auto = near
-    each = [row["ms_least"] / row["rhs"] for row in (scipy, auto)]
-    return (
-        f"SciPy comes closest at d = {damping}: {label(scipy)} evaluates {scipy['rhs']} right-hand sides, with "
-        f"{1e3 * each[0]:.2g} µs for each and all that is done around it, `auto` {auto['rhs']} with {1e3 * each[1]:.2g} µs. "
-        "SciPy's time is that of its calls from Python, whatever the right-hand side costs."
-    )
+    best, auto = (fastest(result["rows"], name_of(near), kind) for kind in ("scipy", "auto"))
+    return {"damping": near, "best": best, "auto": auto}
 
 
-def own_shortfall(result: dict) -> str | None:
-    """Where `auto` is furthest behind our other methods; None where it never exceeds the bound."""
+def behind(result: dict) -> list[tuple]:
+    """Where `auto` is furthest behind our other methods and beyond the bound: ratio, problem, error, both runs."""
     cells = [(v, name, e) for name, line in over_own(result).items() for v, e in zip(line, ERRORS) if v and v > OVER_OWN]
-    if not cells:
-        return None
-    worst = []
-    for value, name, error in sorted(cells, reverse=True)[:3]:
-        auto, own = (fastest(result["rows"], name, error, **kind) for kind in (AUTO, ADAPTIVE))
-        both = f"{auto['ms_least']:.2g} ms, `{own['method']}` {own['ms_least']:.2g} ms"
-        worst.append(f"{name} at {metres(error)} ({value:.2f}: {both})")
-    return f"`auto` is furthest behind in {'; '.join(worst)}."
+    return [
+        (value, name, error, *(fastest(result["rows"], name, kind, error) for kind in ("auto", "adaptive")))
+        for value, name, error in sorted(cells, reverse=True)[:3]
+    ]
