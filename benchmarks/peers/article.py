@@ -3,7 +3,6 @@ article does it: an explicit Runge-Kutta method across the transitions.  RK45 is
 
 from __future__ import annotations
 
-import time
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.integrate import solve_ivp
 from benchmarks.harness.problems import INSTANTS, Problem
 from tensegrity_core.reference import equations, instant, structure
 
-from .ladder import Clock, Ladder, Run, tolerances
+from .ladder import Clock, Ladder, Run, timed, tolerances
 
 METHODS = ("RK45", "DOP853")
 
@@ -57,28 +56,25 @@ class Article:
 
 
 def _measure(problem: Problem, article: Article, method: str, tolerance: float, repetitions: int, limit: float) -> Run:
-    seconds, span, times = [], (0.0, problem.duration), np.linspace(0.0, problem.duration, INSTANTS + 1)
-    for _ in range(repetitions):
-        start = time.process_time()
+    span, times = (0.0, problem.duration), np.linspace(0.0, problem.duration, INSTANTS + 1)
+
+    def run():
         article.clock = Clock(limit)
-        try:
-            with np.errstate(all="ignore"):  # what is not finite shows in the result
-                sol = solve_ivp(article.rhs, span, article.start, method, times, rtol=tolerance, atol=tolerance)
-        except TimeoutError as failure:
-            return Run([time.process_time() - start], failure=str(failure))
-        seconds.append(time.process_time() - start)
+        sol = solve_ivp(article.rhs, span, article.start, method, times, rtol=tolerance, atol=tolerance)
         if sol.status < 0:
-            return Run(seconds, failure=sol.message)
+            raise RuntimeError(sol.message)
+        return sol
+
+    found, sol = timed(repetitions, lambda: None, run)
+    if sol is None:
+        return found
     position = sol.y.T.reshape(INSTANTS + 1, *article.shape)[:, :, : article.shape[1] // 2].transpose(0, 2, 1)
     energy = np.array([article.energy(y) for y in sol.y.T])
-    return Run(seconds, position[:, :, list(problem.model.axes)], energy, {"rhs": sol.nfev})
+    return Run(found.seconds, position[:, :, list(problem.model.axes)], energy, {"rhs": sol.nfev})
 
 
 def ladders(problem: Problem) -> list[Ladder]:
     """ode45's pair and SciPy's method of order 8."""
-    article = Article(problem)
-    found = []
-    for method in METHODS:
-        measure = partial(_measure, problem, article, method)
-        found.append(Ladder("article", method, False, "tolerance", tolerances(1e-3, 1e-10), measure))
-    return found
+    article, settings = Article(problem), tolerances(1e-3, 1e-10)
+    measures = {method: partial(_measure, problem, article, method) for method in METHODS}
+    return [Ladder("article", method, False, "tolerance", settings, measure) for method, measure in measures.items()]

@@ -5,8 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
 
 
 class Clock:
@@ -36,6 +39,21 @@ class Run:
     energy: np.ndarray | None = None
     counts: dict[str, int] = field(default_factory=dict)
     failure: str | None = None
+
+
+def timed(repetitions: int, begin: Callable[[], object], run: Callable[[], T]) -> tuple[Run, T | None]:
+    """The seconds of each run, or why one failed, and what the last run gave; begin, before each, is not timed."""
+    seconds, result = [], None
+    for _ in range(repetitions):
+        begin()
+        start = time.process_time()
+        try:
+            with np.errstate(all="ignore"):  # a trial step may overflow; what is not finite shows in the result
+                result = run()
+        except (TimeoutError, RuntimeError, ValueError) as failure:
+            return Run([time.process_time() - start], failure=str(failure)), None
+        seconds.append(time.process_time() - start)
+    return Run(seconds), result
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@
 #define WARM 0.05 /* s, of a run that needs no warming up */
 
 static const peer_solver *const solvers[] = {
-    &peer_kernel, &peer_alone,
+    &peer_kernel,
+    &peer_alone,
 #ifdef WITH_SUNDIALS
-    &peer_cvode,  &peer_erk,   &peer_dirk,
+    &peer_sundials,
 #endif
 };
 

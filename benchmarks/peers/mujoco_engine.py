@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from importlib.util import find_spec
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from benchmarks.harness.problems import INSTANTS, Problem
 
-from .ladder import Clock, Ladder, Run, fixed_steps
+from .ladder import Clock, Ladder, Run, fixed_steps, timed
 
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4")
 #: Inertia of a thin bar about its own axis, which it never turns about, relative to that across; MuJoCo wants one.
@@ -82,16 +81,9 @@ class Engine:
 
 
 def _measure(problem: Problem, integrator: str, step: float, repetitions: int, limit: float) -> Run:
-    engine, seconds = Engine(problem, integrator, step), []
-    for _ in range(repetitions):
-        engine.begin()
-        start = time.process_time()
-        try:
-            position = engine.run(limit)
-        except TimeoutError as failure:
-            return Run([time.process_time() - start], failure=str(failure))
-        seconds.append(time.process_time() - start)
-    return Run(seconds, position, counts={"steps": round(problem.duration / step)})
+    engine = Engine(problem, integrator, step)
+    found, position = timed(repetitions, engine.begin, partial(engine.run, limit))
+    return found if position is None else Run(found.seconds, position, counts={"steps": round(problem.duration / step)})
 
 
 def ladders(problem: Problem) -> list[Ladder]:
@@ -99,8 +91,4 @@ def ladders(problem: Problem) -> list[Ladder]:
     if find_spec("mujoco") is None:
         print("MuJoCo is missing (pip install mujoco); its rows are left out")
         return []
-    found = []
-    for integrator in INTEGRATORS:
-        measure = partial(_measure, problem, integrator)
-        found.append(Ladder("mujoco", integrator, False, "step", fixed_steps(), measure))
-    return found
+    return [Ladder("mujoco", name, False, "step", fixed_steps(), partial(_measure, problem, name)) for name in INTEGRATORS]

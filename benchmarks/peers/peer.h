@@ -39,14 +39,14 @@ typedef struct {
 
 /* A solver's side: made once per job, begun (not timed) and run (timed) once per repetition. */
 typedef struct {
-    const char *name;                                             /* how the names of its methods begin */
+    const char *name;                                             /* how the names of its methods begin; "": any */
     void *(*make)(peer *p, const char *method, double tolerance); /* NULL: no such method */
     int (*begin)(void *self);
     int (*run)(void *self, double *rows); /* rows (instants, n); 0: done, else the solver's own code */
     void (*release)(void *self);
 } peer_solver;
 
-extern const peer_solver peer_kernel, peer_alone, peer_cvode, peer_erk, peer_dirk;
+extern const peer_solver peer_kernel, peer_alone, peer_sundials;
 
 int peer_open(peer *p, const char *model, const char *force, int events, double duration, int instants);
 void peer_close(peer *p);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import time
 from ctypes import POINTER, c_char_p, c_double, c_int, c_int32, c_void_p
 from functools import partial
 
@@ -12,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.harness.problems import INSTANTS
 
-from .ladder import Clock, Ladder, Run, tolerances
+from .ladder import Clock, Ladder, Run, timed, tolerances
 from .native import Bench
 
 METHODS = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
@@ -143,20 +142,15 @@ def integrate(
 def _measure(
     bench: Bench, compiled: Compiled, method: str, events: bool, tolerance: float, repetitions: int, limit: float
 ) -> Run:
-    duration, seconds = bench.problem.duration, []
+    duration = bench.problem.duration
     instants = np.linspace(0.0, duration, INSTANTS + 1)
-    for _ in range(repetitions):
-        compiled.begin(limit)
-        start = time.process_time()
-        try:
-            with np.errstate(all="ignore"):  # a trial step may overflow
-                rows, counts = integrate(compiled, method, tolerance, events, duration, instants)
-        except (TimeoutError, RuntimeError, ValueError) as failure:
-            return Run([time.process_time() - start], failure=str(failure))
-        seconds.append(time.process_time() - start)
-    outputs = [compiled.outputs(x) for x in rows]
+    run = partial(integrate, compiled, method, tolerance, events, duration, instants)
+    found, result = timed(repetitions, partial(compiled.begin, limit), run)
+    if result is None:
+        return found
+    outputs = [compiled.outputs(x) for x in result[0]]
     position = np.array([position for position, _ in outputs]).reshape(INSTANTS + 1, -1, len(bench.problem.model.axes))
-    return Run(seconds, position, np.array([energy for _, energy in outputs]), counts)
+    return Run(found.seconds, position, np.array([energy for _, energy in outputs]), result[1])
 
 
 def _ladder(bench: Bench, compiled: Compiled, method: str, events: bool) -> Ladder:

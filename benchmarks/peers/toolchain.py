@@ -14,7 +14,6 @@ from tensegrity_core.native import build as kernel_build
 
 HERE = Path(__file__).resolve().parent
 NATIVE = HERE.parent.parent / "tensegrity_core" / "native"
-SUNDIALS_SOURCES = ("cvode.c", "arkode.c", "sundials_functions.c")
 SUNDIALS_LIBRARIES = ("cvode", "arkode", "nvecserial", "sunmatrixdense", "sunlinsoldense", "sunnonlinsolfixedpoint")
 MISSING = "SUNDIALS 6 is missing (Debian: apt-get install libsundials-dev); its rows are left out"
 
@@ -79,8 +78,7 @@ def build(folder: Path) -> Tools:
     version = _sundials_version(compiler())
     extra = []
     if version:
-        extra = ["-DWITH_SUNDIALS", *(str(HERE / name) for name in SUNDIALS_SOURCES)]
-        extra += [f"-lsundials_{name}" for name in SUNDIALS_LIBRARIES]
+        extra = ["-DWITH_SUNDIALS", str(HERE / "sundials.c"), *(f"-lsundials_{name}" for name in SUNDIALS_LIBRARIES)]
     else:
         print(MISSING)
     program, library = folder / "peers", folder / "libpeers.so"
