@@ -11,7 +11,7 @@ Numbers may be Python's or NumPy's, lists of them any sequence or array; they ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from typing import Any, ClassVar, TypeGuard, get_args
 
 from ..fields import ELEMENTS
@@ -25,6 +25,11 @@ def key(description: str, low: float = -1e15, high: float = 1e15) -> Any:
     """A number, or numbers, of an element as a key of scene files of the same name.  description: what it is, with its unit;
     low, high: its bounds, included."""
     return field(metadata={"description": description, "low": low, "high": high})
+
+
+def key_of(one: Field) -> str:
+    """The key in scene files of a field of an element."""
+    return one.metadata.get("key", one.name)
 
 
 class _Numbers:
@@ -53,7 +58,7 @@ class _Parts:
 class Spring(_Numbers):
     """f = k x.  k: N/m, > 0."""
 
-    k: float
+    k: float = field(metadata={"key": "stiffness"})
 
 
 @dataclass(frozen=True)
@@ -84,8 +89,8 @@ class Table(_Numbers):
     Beyond the last point the law goes on along its last slope.  As a damper it is odd: f(-x) = -f(x).
     """
 
-    x: tuple[float, ...]
-    f: tuple[float, ...]
+    x: tuple[float, ...] = field(metadata={"key": "elongation"})
+    f: tuple[float, ...] = field(metadata={"key": "force"})
     interpolation: str = field(default="linear", metadata={"choices": ("linear", "cubic")})
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from ..errors import SceneError
 from ..fields import owned_words, shared_words
-from ..model.elements import KINDS
+from ..model.elements import KINDS, key_of
 from . import costs
 from .entries import Entry, Scene
-from .messages import choose, twice
+from .messages import require_known, twice
 
 #: Names that are not a component's: they stand at the top of the simulation's variables, or mean the time.
 RESERVED_NAMES = shared_words() | {"time"}
@@ -23,6 +22,9 @@ DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt")
 #: First words of the variables that a component owns (`n4.force.x`, `s1.rest_length`, ...).
 VARIABLE_WORDS = owned_words()
 
+#: Keys of a string that name something -> the tables in which it stands.
+STRING_TABLES = {"material": "materials", "nsh": "nsh", "element": "elements", "damper": "dampers", "actuator": "actuators"}
+
 SHORTEST = 1e-9  # m: below this a member has no usable direction
 MOST_LEVELS = 20  # of elements in each other
 MOST_PARTS = 1000  # elements that one string may be made of
@@ -31,20 +33,17 @@ MOST_POINTS = 50_000  # of all tables of a scene
 MOST_COST = 4.0  # s, about what working out all force laws may take; see `costs`
 
 
-Points = tuple[float, ...] | None
-
-
-def _check_names(scene: Scene) -> Iterator[SceneError]:
+def _check_names(scene: Scene) -> None:
     if scene.name.lower() in DEVICES:
-        yield scene.error("name", "is a device's name on Windows, where no file can have it", "Give the scene another name.")
+        raise scene.error("name", "is a device's name on Windows, where no file can have it", "Give the scene another name.")
     kinds: dict[str, dict[str, Any]] = {"nodes": scene.nodes, "bars": scene.bars, "strings": scene.strings}
     seen: dict[str, str] = {}
     for kind, table in kinds.items():
         for name in table:
             if name in RESERVED_NAMES:
-                yield scene.error(f"{kind}.{name}", f"{name} is a reserved name", "Rename it.")
+                raise scene.error(f"{kind}.{name}", f"{name} is a reserved name", "Rename it.")
             if name in seen:
-                yield scene.error(f"{kind}.{name}", f"{seen[name]} has the same name", "Rename one of the two.")
+                raise scene.error(f"{kind}.{name}", f"{seen[name]} has the same name", "Rename one of the two.")
             seen[name] = f"{kind}.{name}"
     for name, key in seen.items():
         for at, letter in enumerate(name):
@@ -52,225 +51,209 @@ def _check_names(scene: Scene) -> Iterator[SceneError]:
             head, tail = name[:at], name[at + 1 :]
             if letter == "_" and (head in seen or head in RESERVED_NAMES) and _is_variable(head, tail):
                 problem = f"reads like a variable of {seen.get(head, head)} once dots become underscores"
-                yield scene.error(key, problem, f"Rename it so that it does not start with {head}_.")
+                raise scene.error(key, problem, f"Rename it so that it does not start with {head}_.")
 
 
 def _is_variable(head: str, tail: str) -> bool:
     return head in RESERVED_NAMES or tail.split("_")[0] in VARIABLE_WORDS
 
 
-def _check_coordinates(scene: Scene) -> Iterator[SceneError]:
+def _check_coordinates(scene: Scene) -> None:
     letters = scene.plane or "xyz"
     if isinstance(scene.gravity, tuple):
         for at, (axis, value) in enumerate(zip("xyz", scene.gravity), 1):
             if axis not in letters and value != 0.0:
                 problem = f"gravity acts along {axis}, across the plane {letters}"
-                yield scene.error(f"gravity[{at}]", problem, f"Write 0 for {axis}, or choose another plane.", value)
+                raise scene.error(f"gravity[{at}]", problem, f"Write 0 for {axis}, or choose another plane.", value)
     elif scene.plane == "xy" and scene.gravity != 0.0:
         problem = "gravity acts along -z, across the plane xy"
         remedy = "Write gravity = 0, give a vector [x, y, 0], or choose the plane xz or yz."
-        yield scene.error("gravity", problem, remedy, scene.gravity)
+        raise scene.error("gravity", problem, remedy, scene.gravity)
     for name, point in scene.nodes.items():
         if len(point) != len(letters):
             kind = f"planar scene ({scene.plane})" if scene.plane else "3D scene"
             problem = f"has {len(point)} coordinates in a {kind}"
-            yield scene.error(f"nodes.{name}", problem, f"Give {len(letters)}: [{', '.join(letters)}].")
+            raise scene.error(f"nodes.{name}", problem, f"Give {len(letters)}: [{', '.join(letters)}].")
 
 
-def _check_references(scene: Scene) -> Iterator[SceneError]:
+def _check_references(scene: Scene) -> None:
     for at, name in enumerate(scene.fixed, 1):
-        if name not in scene.nodes:
-            yield scene.error(f"fixed[{at}]", "is no node", choose(name, scene.nodes))
-    yield from twice(scene, "fixed", scene.fixed)
+        require_known(scene, f"fixed[{at}]", name, scene.nodes)
+    twice(scene, "fixed", scene.fixed)
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
             for at, node in enumerate(member.nodes, 1):
-                if node not in scene.nodes:
-                    yield scene.error(f"{kind}.{name}.nodes[{at}]", "is no node", choose(node, scene.nodes))
+                require_known(scene, f"{kind}.{name}.nodes[{at}]", node, scene.nodes)
     for name, string in scene.strings.items():
-        tables = {"material": "materials", "nsh": "nsh", "element": "elements", "damper": "dampers", "actuator": "actuators"}
-        for key, table in tables.items():
-            wanted, held = getattr(string, key), getattr(scene, table)
-            if wanted is not None and wanted not in held:
-                yield scene.error(f"strings.{name}.{key}", f"is not in [{table}]", choose(wanted, held))
+        for key, table in STRING_TABLES.items():
+            wanted = getattr(string, key)
+            if wanted is not None:
+                require_known(scene, f"strings.{name}.{key}", wanted, getattr(scene, table), f"is not in [{table}]")
         for one, other in (("element", "nsh"), ("damper", "damping")):
             if getattr(string, one) is not None and getattr(string, other) is not None:
-                yield scene.error(f"strings.{name}.{one}", f"the string has {other} too", "Keep one of the two.")
+                raise scene.error(f"strings.{name}.{one}", f"the string has {other} too", "Keep one of the two.")
         if scene.stiffness(name) is None and scene.needs_stiffness(name):
             remedy = "Give material (a name in [materials]) or stiffness."
-            yield scene.error(f"strings.{name}", "has no stiffness", remedy)
+            raise scene.error(f"strings.{name}", "has no stiffness", remedy)
     for key in ("tension", "rest_length"):
         for name in getattr(scene.prestress, key):
-            if name not in scene.strings:
-                yield scene.error(f"prestress.{key}.{name}", "is no string", choose(name, scene.strings))
+            require_known(scene, f"prestress.{key}.{name}", name, scene.strings, "is no string")
             if name in scene.prestress.tension and name in scene.prestress.rest_length:
                 problem = "the string has both a tension and a rest length"
-                yield scene.error(f"prestress.{key}.{name}", problem, "Keep one of the two.")
+                raise scene.error(f"prestress.{key}.{name}", problem, "Keep one of the two.")
 
 
-def _check_members(scene: Scene) -> Iterator[SceneError]:
+def _check_members(scene: Scene) -> None:
     owner: dict[str, str] = {}
     fixed = set(scene.fixed)
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
             key = f"{kind}.{name}.nodes"
             if member.nodes[0] == member.nodes[1]:
-                yield scene.error(key, "starts and ends at the same node", "Join two different nodes.")
+                raise scene.error(key, "starts and ends at the same node", "Join two different nodes.")
             if scene.distance(member.nodes) < SHORTEST:
                 problem = f"has zero length: both nodes are at {scene.nodes[member.nodes[0]]}"
-                yield scene.error(key, problem, "Move one of the nodes.")
+                raise scene.error(key, problem, "Move one of the nodes.")
     for name, bar in scene.bars.items():
         for node in bar.nodes:
             if node in owner:
                 problem = f"{node} is on bar {owner[node]} already"
                 remedy = "Only one bar may meet a node (class 1): join bars by strings between their own nodes."
-                yield scene.error(f"bars.{name}.nodes", problem, remedy)
+                raise scene.error(f"bars.{name}.nodes", problem, remedy)
             owner[node] = name
         if all(node in fixed for node in bar.nodes):
             problem = "both ends are fixed, so the bar cannot move"
-            yield scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
+            raise scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
     for node in scene.nodes:
         if node not in owner and node not in fixed and not scene.point_masses.get(node):
             problem = "is neither fixed nor on a bar, so it has no mass"
-            yield scene.error(f"nodes.{node}", problem, "Put it on a bar, give it a point mass, or list it in fixed.")
+            raise scene.error(f"nodes.{node}", problem, "Put it on a bar, give it a point mass, or list it in fixed.")
 
 
-def _check_honeycombs(scene: Scene) -> Iterator[SceneError]:
+def _check_honeycombs(scene: Scene) -> None:
     total = 0.0
     for name, nsh in scene.nsh.items():
         if nsh.law == "hysteretic" and len(nsh.Q) > MOST_MEMORY:
-            yield scene.error(f"nsh.{name}.Q", f"has {len(nsh.Q)} beams", f"Use at most {MOST_MEMORY} in an NSH with memory.")
+            raise scene.error(f"nsh.{name}.Q", f"has {len(nsh.Q)} beams", f"Use at most {MOST_MEMORY} in an NSH with memory.")
         for key in ("zeta", "h"):
             if len(getattr(nsh, key)) != len(nsh.Q):
                 problem = f"has {len(getattr(nsh, key))} beams where Q has {len(nsh.Q)}"
-                yield scene.error(f"nsh.{name}.{key}", problem, "Give one value per beam in each of Q, zeta and h.")
+                raise scene.error(f"nsh.{name}.{key}", problem, "Give one value per beam in each of Q, zeta and h.")
         for at, zeta in enumerate(nsh.zeta, 1):
             key = f"nsh.{name}.zeta[{at}]"
-            yield from _beam_errors(scene, key, zeta, nsh.beams)
+            _require_beam(scene, key, zeta, nsh.beams)
             if zeta >= 8.0 and nsh.law == "single_valued":
                 problem = "makes the beam bistable, which means nothing without memory: its force falls below 0"
-                yield scene.error(key, problem, 'Write law = "hysteretic", or choose zeta < 8.')
+                raise scene.error(key, problem, 'Write law = "hysteretic", or choose zeta < 8.')
             if zeta <= 2.0 and nsh.law == "single_valued":
                 problem = "makes the beam monotone, which an NSH without memory does not know"
-                yield scene.error(key, problem, 'Write law = "hysteretic", or a series of such beams in [elements].')
+                raise scene.error(key, problem, 'Write law = "hysteretic", or a series of such beams in [elements].')
         users = {scene.stiffness(string) for string, one in scene.strings.items() if one.nsh == name}
         total += costs.honeycomb(len(nsh.Q), nsh.law) * (len(users) if nsh.law == "hysteretic" else bool(users))
         if total > MOST_COST:
             problem = "takes too long to work out, here or with those before it"
-            yield scene.error(f"nsh.{name}.Q", problem, "Use fewer beams, or fewer different ones.")
+            raise scene.error(f"nsh.{name}.Q", problem, "Use fewer beams, or fewer different ones.")
 
 
-def _check_loads(scene: Scene) -> Iterator[SceneError]:
+def _check_loads(scene: Scene) -> None:
     """Point masses, drag and moved nodes."""
     fixed = set(scene.fixed)
     for key in ("point_masses", "drag"):
         for name in getattr(scene, key):
-            if name not in scene.nodes:
-                yield scene.error(f"{key}.{name}", "is no node", choose(name, scene.nodes))
+            require_known(scene, f"{key}.{name}", name, scene.nodes)
             if key == "drag" and name in fixed:
-                yield scene.error(f"drag.{name}", "the node is fixed, so it has no drag", "Name a free node, or leave it out.")
+                raise scene.error(f"drag.{name}", "the node is fixed, so it has no drag", "Name a free node, or leave it out.")
     for at, name in enumerate(scene.moving, 1):
         if name not in scene.nodes:
-            yield scene.error(f"moving[{at}]", "is no node", choose(name, scene.fixed))
+            require_known(scene, f"moving[{at}]", name, scene.fixed)
         if name not in fixed:
             problem = "is a free node, which moves by itself"
-            yield scene.error(f"moving[{at}]", problem, "List it in fixed, too, or leave it out.")
-    yield from twice(scene, "moving", scene.moving)
+            raise scene.error(f"moving[{at}]", problem, "List it in fixed, too, or leave it out.")
+    twice(scene, "moving", scene.moving)
 
 
-def _beam_errors(scene: Scene, key: str, zeta: float | None, beams: str | None) -> Iterator[SceneError]:
+def _require_beam(scene: Scene, key: str, zeta: float | None, beams: str | None) -> None:
     if zeta is not None and beams != "any" and not 2.0 < zeta < 8.0:
         kind = "monotone (it never snaps)" if zeta <= 2.0 else "bistable (it does not return)"
         remedy = 'Choose 2 < zeta < 8 (metastable), or write beams = "any".'
-        yield scene.error(key, f"makes the beam {kind}", remedy)
+        raise scene.error(key, f"makes the beam {kind}", remedy)
 
 
-#: Kind of element -> the keys that it must have, and those that it may have.
-ELEMENT_KEYS = {
-    "spring": (("stiffness",), ()),
-    "beam": (("Q", "zeta", "h"), ("beams",)),
-    "polynomial": (("coefficients",), ()),
-    "table": (("elongation", "force"), ("interpolation",)),
-    "series": (("parts",), ("law",)),
-    "parallel": (("parts",), ()),
-}
-#: Of the kinds whose classes say their keys, all are needed.
-ELEMENT_KEYS |= {
-    kind: (tuple(own.name for own in dataclasses.fields(made)), ()) for kind, made in KINDS.items() if kind not in ELEMENT_KEYS
-}
+def element_keys(kind: str) -> tuple[list[str], list[str]]:
+    """The keys that an element of a kind must have, and those that it may have."""
+    own = dataclasses.fields(KINDS[kind])
+    must = [key_of(one) for one in own if one.default is dataclasses.MISSING]
+    return ["kind", *must], [key_of(one) for one in own if key_of(one) not in must] + ["beams"] * (kind == "beam")
 
 
-def _check_elements(scene: Scene) -> Iterator[SceneError]:
+def _check_elements(scene: Scene) -> None:
     for name, entry in scene.elements.items():
-        must, may = ELEMENT_KEYS[entry.kind]
-        yield from _key_errors(scene, f"elements.{name}", entry, f"a {entry.kind}", ("kind", *must), may)
+        _require_keys(scene, f"elements.{name}", entry, f"a {entry.kind}", *element_keys(entry.kind))
         if entry.kind == "beam":
-            yield from _beam_errors(scene, f"elements.{name}.zeta", entry.zeta, entry.beams)
+            _require_beam(scene, f"elements.{name}.zeta", entry.zeta, entry.beams)
         if entry.kind == "table":
-            yield from _point_errors(scene, f"elements.{name}", "elongation", entry.elongation, entry.force)
+            _require_points(scene, f"elements.{name}", "elongation", entry.elongation, entry.force)
         for at, part in enumerate(entry.parts or (), 1):
             key = f"elements.{name}.parts[{at}]"
-            if part not in scene.elements:
-                yield scene.error(key, "is not in [elements]", choose(part, scene.elements))
+            require_known(scene, key, part, scene.elements, "is not in [elements]")
             if scene.elements[part].law == "hysteretic":
                 problem = "has memory, which only the outermost element of a string may have"
-                yield scene.error(key, problem, f'Write law = "single_valued" in [elements.{part}].')
+                raise scene.error(key, problem, f'Write law = "single_valued" in [elements.{part}].')
     size: dict[str, int] = {}
     for name in scene.elements:
-        yield from _tree_errors(scene, name, (), size)
+        _require_tree(scene, name, (), size)
         if sum(size.values()) > 100 * MOST_PARTS:
             problem = f"makes more than {100 * MOST_PARTS} parts with the elements before it"
-            yield scene.error(f"elements.{name}", problem, "Leave out elements that nothing uses.")
+            raise scene.error(f"elements.{name}", problem, "Leave out elements that nothing uses.")
 
 
-def _tree_errors(scene: Scene, name: str, above: tuple[str, ...], size: dict[str, int]) -> Iterator[SceneError]:
+def _require_tree(scene: Scene, name: str, above: tuple[str, ...], size: dict[str, int]) -> None:
     """Circles, and trees that are too large; size: the parts of the elements that have been looked at."""
     size[name] = 1
     for at, part in enumerate(scene.elements[name].parts or (), 1):
         if part in (*above, name):
             problem = f"closes a circle: {' -> '.join((*above, name, part))}"
-            yield scene.error(f"elements.{name}.parts[{at}]", problem, "Name an element outside it.")
+            raise scene.error(f"elements.{name}.parts[{at}]", problem, "Name an element outside it.")
         if len(above) >= MOST_LEVELS:
             problem = f"is more than {MOST_LEVELS} elements deep in {above[0]}"
-            yield scene.error(
+            raise scene.error(
                 f"elements.{name}.parts[{at}]", problem, "Put the parts of a series or parallel into the outer one."
             )
         if part not in size:
-            yield from _tree_errors(scene, part, (*above, name), size)
+            _require_tree(scene, part, (*above, name), size)
         size[name] += size[part]
     if size[name] > MOST_PARTS:
-        yield scene.error(f"elements.{name}.parts", f"makes {size[name]} parts", f"Use at most {MOST_PARTS}.")
+        raise scene.error(f"elements.{name}.parts", f"makes {size[name]} parts", f"Use at most {MOST_PARTS}.")
 
 
-def _check_costs(scene: Scene) -> Iterator[SceneError]:
+def _check_costs(scene: Scene) -> None:
     """Laws that would take too long to work out: each once, with memory once per stiffness."""
     total = 0.0
     for name, entry in scene.elements.items():
         element = scene.element(name)
-        remedy = "Use fewer parts, or put the parts of a series or parallel into the outer one."
         if entry.law == "hysteretic" and costs.snapping(element) > MOST_MEMORY:
             problem = f"has {costs.snapping(element)} beams and other parts that may snap"
-            yield scene.error(f"elements.{name}.parts", problem, f"Use at most {MOST_MEMORY} in a series with memory.")
+            raise scene.error(f"elements.{name}.parts", problem, f"Use at most {MOST_MEMORY} in a series with memory.")
         stiffnesses = {scene.stiffness(string) for string, one in scene.strings.items() if one.element == name}
         total += costs.seconds(element) * (max(1, len(stiffnesses)) if entry.law == "hysteretic" else 1)
         if total > MOST_COST:
             problem = "takes too long to work out, here or with the elements before it"
-            yield scene.error(f"elements.{name}", problem, remedy)
+            remedy = "Use fewer parts, or put the parts of a series or parallel into the outer one."
+            raise scene.error(f"elements.{name}", problem, remedy)
 
 
-def _check_dampers(scene: Scene) -> Iterator[SceneError]:
+def _check_dampers(scene: Scene) -> None:
     for name, entry in scene.dampers.items():
         if entry.coefficients is not None:
-            yield from _key_errors(scene, f"dampers.{name}", entry, "a damper with coefficients", ("coefficients",), ())
+            _require_keys(scene, f"dampers.{name}", entry, "a damper with coefficients", ["coefficients"], [])
         elif entry.rate is None and entry.force is None:
-            yield scene.error(f"dampers.{name}", "has no law", "Give coefficients, or rate and force.")
+            raise scene.error(f"dampers.{name}", "has no law", "Give coefficients, or rate and force.")
         else:
-            keys = ("rate", "force"), ("interpolation",)
-            yield from _key_errors(scene, f"dampers.{name}", entry, "a damper with points", *keys)
-            yield from _point_errors(scene, f"dampers.{name}", "rate", entry.rate, entry.force)
+            _require_keys(scene, f"dampers.{name}", entry, "a damper with points", ["rate", "force"], ["interpolation"])
+            _require_points(scene, f"dampers.{name}", "rate", entry.rate, entry.force)
 
 
-def _check_points(scene: Scene) -> Iterator[SceneError]:
+def _check_points(scene: Scene) -> None:
     """Tables that are too long to be worked out soon."""
     lists = [(f"elements.{name}.elongation", entry.elongation) for name, entry in scene.elements.items()]
     total = 0
@@ -278,36 +261,34 @@ def _check_points(scene: Scene) -> Iterator[SceneError]:
         total += len(points or ())
         if total > MOST_POINTS:
             problem = f"makes {total} points of tables in this scene, more than {MOST_POINTS}"
-            yield scene.error(key, problem, 'Leave out points; interpolation = "cubic" needs fewer for a smooth curve.')
+            raise scene.error(key, problem, 'Leave out points; interpolation = "cubic" needs fewer for a smooth curve.')
 
 
-def _key_errors(scene: Scene, key: str, entry: Entry, what: str, must: tuple, may: tuple) -> Iterator[SceneError]:
+def _require_keys(scene: Scene, key: str, entry: Entry, what: str, must: Sequence[str], may: Sequence[str]) -> None:
     """Keys that are missing in a table, or that belong to another kind."""
     for field, about in type(entry).model_fields.items():
         given = getattr(entry, field) is not None
         if field in must and not given:
-            yield scene.error(f"{key}.{field}", f"is missing in {what}", f"Give {about.description}.")
+            raise scene.error(f"{key}.{field}", f"is missing in {what}", f"Give {about.description}.")
         if given and field not in must and field not in may:
-            yield scene.error(f"{key}.{field}", f"does not belong to {what}", f"Keys here: {', '.join((*must, *may))}.")
+            raise scene.error(f"{key}.{field}", f"does not belong to {what}", f"Keys here: {', '.join((*must, *may))}.")
 
 
-def _point_errors(
-    scene: Scene, key: str, along: str, x: tuple[float, ...] | None, f: tuple[float, ...] | None
-) -> Iterator[SceneError]:
+def _require_points(scene: Scene, key: str, along: str, x: tuple[float, ...] | None, f: tuple[float, ...] | None) -> None:
     if x is None or f is None:
-        return  # which `_key_errors` says
+        return  # which `_require_keys` says
     if len(x) != len(f):
         problem = f"has {len(f)} values where {along} has {len(x)}"
-        yield scene.error(f"{key}.force", problem, f"Give one force per {along}.")
+        raise scene.error(f"{key}.force", problem, f"Give one force per {along}.")
     for field, first in ((along, x[0]), ("force", f[0])):
         if first != 0.0:
-            yield scene.error(f"{key}.{field}[1]", "is not 0", "Let both lists start with 0.")
+            raise scene.error(f"{key}.{field}[1]", "is not 0", "Let both lists start with 0.")
     for at, (before, after) in enumerate(pairwise(x), 2):
         if not after > before:
-            yield scene.error(f"{key}.{along}[{at}]", f"does not exceed the value before it, {before!r}", "Sort the points.")
+            raise scene.error(f"{key}.{along}[{at}]", f"does not exceed the value before it, {before!r}", "Sort the points.")
         if after - before < 1e-12:
             problem = f"exceeds the value before it, {before!r}, by less than 1e-12"
-            yield scene.error(f"{key}.{along}[{at}]", problem, "Leave out one of the two points.")
+            raise scene.error(f"{key}.{along}[{at}]", problem, "Leave out one of the two points.")
 
 
 CHECKS = (

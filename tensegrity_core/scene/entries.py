@@ -41,6 +41,11 @@ def _between(low: float, high: float) -> Any:
     return Field(ge=low, le=high, allow_inf_nan=False)
 
 
+def _optional(description: str) -> Any:
+    """A key that may be left out."""
+    return Field(None, description=description)
+
+
 def _not_tiny(least: float) -> AfterValidator:
     """Sizes below this are refused but for 0: nothing would be left of their squares and cubes."""
 
@@ -128,22 +133,20 @@ class _Element(Entry):
     """A force law of strings, and what it is made of; which keys belong to it depends on its kind."""
 
     kind: Kind = Field(description=", ".join(f'"{kind}"' for kind in elements.KINDS))
-    stiffness: Positive | None = Field(None, description="of a spring: its stiffness in N/m, greater than 0")
-    Q: ForceScale | None = Field(None, description="of a beam: its force scale in N, greater than 0")
-    zeta: Shape | None = Field(None, description="of a beam: its shape parameter, between 2 and 8 (metastable)")
-    h: Length | None = Field(None, description="of a beam: its arch height in m, greater than 0")
-    beams: Shapes | None = Field(None, description='of a beam: "metastable" (2 < zeta < 8, the default) or "any"')
-    coefficients: Coefficients | None = Field(
-        None, description="of a polynomial: 1 to 7 coefficients of x, x^2, ... in N/m, N/m2, ..."
+    stiffness: Positive | None = _optional("of a spring: its stiffness in N/m, greater than 0")
+    Q: ForceScale | None = _optional("of a beam: its force scale in N, greater than 0")
+    zeta: Shape | None = _optional("of a beam: its shape parameter, between 2 and 8 (metastable)")
+    h: Length | None = _optional("of a beam: its arch height in m, greater than 0")
+    beams: Shapes | None = _optional('of a beam: "metastable" (2 < zeta < 8, the default) or "any"')
+    coefficients: Coefficients | None = _optional("of a polynomial: 1 to 7 coefficients of x, x^2, ... in N/m, N/m2, ...")
+    elongation: Abscissas | None = _optional("of a table: elongations in m, increasing from 0, at least two")
+    force: Forces | None = _optional("of a table: the force in N at each elongation, the first 0")
+    interpolation: Interpolation | None = _optional(
+        'of a table: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
     )
-    elongation: Abscissas | None = Field(None, description="of a table: elongations in m, increasing from 0, at least two")
-    force: Forces | None = Field(None, description="of a table: the force in N at each elongation, the first 0")
-    interpolation: Interpolation | None = Field(
-        None, description='of a table: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
-    )
-    parts: Names | None = Field(None, description="of a series or parallel: names of its parts, at least one; names may repeat")
-    law: SeriesLaw | None = Field(
-        None, description='of a series: "single_valued" (the default) or "hysteretic" (with memory; not as a part of another)'
+    parts: Names | None = _optional("of a series or parallel: names of its parts, at least one; names may repeat")
+    law: SeriesLaw | None = _optional(
+        'of a series: "single_valued" (the default) or "hysteretic" (with memory; not as a part of another)'
     )
 
 
@@ -159,7 +162,7 @@ def _own_keys() -> dict[str, Any]:
             each: Any = Annotated[float, _between(own.metadata["low"], own.metadata["high"])]
             many: Any = Annotated[tuple[each, ...], Strict(False), Field(min_length=1)]
             about = f"of a {kind}: {own.metadata['description']}"
-            found[own.name] = ((each if own.type == "float" else many) | None, Field(None, description=about))
+            found[own.name] = ((each if own.type == "float" else many) | None, _optional(about))
     return found
 
 
@@ -169,13 +172,13 @@ Element: Any = create_model("Element", __base__=_Element, __doc__=_Element.__doc
 class Damper(Entry):
     """A damper whose force is not proportional to the rate of elongation: by coefficients, or by points."""
 
-    coefficients: Coefficients | None = Field(
-        None, description="1 to 7 coefficients of v, v^2, ... in N s/m, N s2/m2, ..., v the size of the rate of elongation"
+    coefficients: Coefficients | None = _optional(
+        "1 to 7 coefficients of v, v^2, ... in N s/m, N s2/m2, ..., v the size of the rate of elongation"
     )
-    rate: Abscissas | None = Field(None, description="rates of elongation in m/s, increasing from 0, at least two")
-    force: Forces | None = Field(None, description="the force in N at each rate, the first 0")
-    interpolation: Interpolation | None = Field(
-        None, description='between points: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
+    rate: Abscissas | None = _optional("rates of elongation in m/s, increasing from 0, at least two")
+    force: Forces | None = _optional("the force in N at each rate, the first 0")
+    interpolation: Interpolation | None = _optional(
+        'between points: "linear" (the default) or "cubic" (smooth, and monotone between the points)'
     )
 
 
@@ -199,16 +202,15 @@ class String(Entry):
     """A massless string, tension only."""
 
     nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n4"]')
-    material: str | None = Field(None, description="name of one of the [materials]")
-    stiffness: Positive | None = Field(None, description="stiffness k in N/m, greater than 0, instead of the material's")
-    damping: NotNegative | None = Field(None, description="damping d in N s/m, 0 or more, instead of the material's")
-    nsh: str | None = Field(
-        None,
-        description="name of one of the [nsh]: its force curve replaces the stiffness, which acts once it has bottomed out",
+    material: str | None = _optional("name of one of the [materials]")
+    stiffness: Positive | None = _optional("stiffness k in N/m, greater than 0, instead of the material's")
+    damping: NotNegative | None = _optional("damping d in N s/m, 0 or more, instead of the material's")
+    nsh: str | None = _optional(
+        "name of one of the [nsh]: its force curve replaces the stiffness, which acts once it has bottomed out"
     )
-    actuator: str | None = Field(None, description="name of one of the [actuators]: it winds the string in")
-    element: str | None = Field(None, description="name of one of the [elements]: the string's force law, instead of an nsh")
-    damper: str | None = Field(None, description="name of one of the [dampers], instead of a damping")
+    actuator: str | None = _optional("name of one of the [actuators]: it winds the string in")
+    element: str | None = _optional("name of one of the [elements]: the string's force law, instead of an nsh")
+    damper: str | None = _optional("name of one of the [dampers], instead of a damping")
 
 
 class Prestress(Entry):
@@ -230,8 +232,8 @@ class Scene(Entry):
     description: Text = Field("", description="one line for humans, without control characters")
     source: Text = Field("", description="where the numbers come from, one line without control characters")
     gravity: Gravity = Field(9.81, description="gravity in m/s2: a number, 0 or more, towards -z, or a vector [x, y, z]")
-    plane: Literal["xz", "yz", "xy"] | None = Field(
-        None, description='"xz", "yz" or "xy" for a planar scene, whose nodes have two coordinates'
+    plane: Literal["xz", "yz", "xy"] | None = _optional(
+        '"xz", "yz" or "xy" for a planar scene, whose nodes have two coordinates'
     )
     damping_law: Literal["literal", "tension_only"] = Field(
         "literal", description='"literal" (the damper may push while a string shortens) or "tension_only"'
@@ -305,20 +307,11 @@ class Scene(Entry):
     def element(self, name: str) -> ElementLaw:
         """The force law of this name, with its parts in place of their names."""
         entry = self.elements[name]
-        if entry.kind == "spring":
-            return elements.Spring(entry.given("stiffness"))
-        if entry.kind == "beam":
-            return elements.Beam(entry.given("Q"), entry.given("zeta"), entry.given("h"))
-        if entry.kind == "polynomial":
-            return elements.Polynomial(entry.given("coefficients"))
-        if entry.kind == "table":
-            return elements.Table(entry.given("elongation"), entry.given("force"), entry.interpolation or "linear")
-        if entry.kind not in ("series", "parallel"):
-            made = elements.KINDS[entry.kind]
-            return made(**{own.name: entry.given(own.name) for own in fields(made)})
-        parts = tuple(self.element(part) for part in entry.given("parts"))
-        grouped = elements.Parallel(parts) if entry.kind == "parallel" else elements.Series(parts, entry.law or "single_valued")
-        return elements.simplified(grouped)
+        made = elements.KINDS[entry.kind]
+        given = {own.name: getattr(entry, elements.key_of(own)) for own in fields(made)}
+        if "parts" in given:
+            given["parts"] = tuple(self.element(part) for part in given["parts"])
+        return elements.simplified(made(**{name: value for name, value in given.items() if value is not None}))
 
     def damper(self, name: str) -> DamperLaw:
         """The damper of this name."""
@@ -336,7 +329,7 @@ class Scene(Entry):
         """Whether an element has a stop: a beam, a parallel of which one part has, a series of which all parts have."""
         entry = self.elements[name]
         if entry.kind in ("series", "parallel"):
-            ends = [self._ends(part) for part in entry.given("parts")]
+            ends = [self._ends(part) for part in entry.parts]
             return all(ends) if entry.kind == "series" else any(ends)
         return elements.KINDS[entry.kind].stops
 

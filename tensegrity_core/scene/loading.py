@@ -12,7 +12,7 @@ from . import files as scene_files
 from .checks import CHECKS
 from .entries import Scene
 from .files import BUILTIN_SCENES, SCENE_FOLDER
-from .messages import _close, translated
+from .messages import meant, translated
 
 
 def builtin_scenes() -> tuple[str, ...]:
@@ -45,8 +45,7 @@ def _checked(raw: dict, origin: scene_files.Origin, file: str) -> Scene:
         raise translated(failure, raw, origin, file) from None
     scene._file, scene._raw, scene._origin = file, raw, origin
     for check in CHECKS:
-        for error in check(scene):
-            raise error
+        check(scene)
     return scene
 
 
@@ -55,8 +54,6 @@ def _find(name_or_path: str | Path) -> Path:
     if text in BUILTIN_SCENES:
         return SCENE_FOLDER / f"{text}.toml"
     if not text.endswith(".toml"):
-        close = _close(text, BUILTIN_SCENES)
-        remedy = f"Did you mean {close[0]}? " if close else ""
-        remedy += f"Give a path that ends in .toml, or one of {', '.join(BUILTIN_SCENES)}."
+        remedy = f"{meant(text, BUILTIN_SCENES)}Give a path that ends in .toml, or one of {', '.join(BUILTIN_SCENES)}."
         raise SceneError(text, "(scene)", text, "is neither a built-in scene nor a .toml file", remedy)
     return Path(text)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
 from itertools import islice
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from pydantic import ValidationError
 
 from ..errors import SceneError
 from . import files as scene_files
-from .entries import LONGEST_NAME, Actuator, Bar, Damper, Element, Entry, Honeycomb, Material, Prestress, Scene, String
+from .entries import LONGEST_NAME, Entry, Scene
 from .files import lookup
 
 
@@ -31,9 +31,7 @@ def translated(failure: ValidationError, raw: dict, origin: dict, file: str) -> 
         problem, remedy = "is not an identifier", "Start with an ASCII letter; go on with letters, digits and _."
     elif kind == "extra_forbidden":
         problem = "is not a key of a scene file"
-        close = _close(str(place[-1]), owner.model_fields)
-        hint = f"Did you mean {close[0]}? " if close else ""
-        remedy = f"{hint}Keys here: {', '.join(owner.model_fields)}."
+        remedy = f"{meant(str(place[-1]), owner.model_fields)}Keys here: {', '.join(owner.model_fields)}."
     else:
         problem = _problem(kind, finding, value)
         remedy = f"Give {field.description}."
@@ -70,44 +68,41 @@ def _problem(kind: str, finding: Mapping[str, Any], value: Any) -> str:
 def _described(place: tuple) -> tuple[type[Entry], Any]:
     """The table that holds a place, and the field whose description says what belongs there."""
     owner: type[Entry] = Scene
-    field = None
-    tables: dict[str, type[Entry]] = {
-        "materials": Material,
-        "nsh": Honeycomb,
-        "elements": Element,
-        "dampers": Damper,
-        "actuators": Actuator,
-    }
-    tables |= {"bars": Bar, "strings": String}
-    for depth, part in enumerate(place):
-        if isinstance(part, str) and part in owner.model_fields:
+    field = held = None
+    for part in place:
+        if held is not None:  # the name of a table in a table of such
+            owner, held = held, None
+        elif isinstance(part, str) and part in owner.model_fields:
             field = owner.model_fields[part]
-        if depth == 0 and part == "prestress":
-            owner = Prestress if len(place) > 1 else owner
-        elif depth == 1 and place[0] in tables:
-            owner = tables[place[0]] if len(place) > 2 else owner
+            inner = [kind for kind in (field.annotation, *get_args(field.annotation)) if isinstance(kind, type(Entry))]
+            if inner and get_origin(field.annotation) is dict:
+                held = inner[0]
+            elif inner:
+                owner = inner[0]
     return owner, field
 
 
-def twice(scene: Scene, key: str, names: tuple[str, ...]) -> Iterator[SceneError]:
+def twice(scene: Scene, key: str, names: tuple[str, ...]) -> None:
+    """Raises SceneError where a list names something twice."""
     seen: set[str] = set()
     for at, name in enumerate(names, 1):
         if name in seen:
-            yield scene.error(f"{key}[{at}]", "is listed twice", "Remove one of the two.")
+            raise scene.error(f"{key}[{at}]", "is listed twice", "Remove one of the two.")
         seen.add(name)
 
 
-def choose(wanted: str, names) -> str:
-    close = _close(wanted, names)
-    if close:
-        return f"Did you mean {close[0]}?"
+def require_known(scene: Scene, key: str, name: str, names: Collection[str], problem: str = "is no node") -> None:
+    """Raises SceneError where a name that stands at a key is none of these."""
+    if name in names:
+        return
     listed = list(islice(names, 13))
     shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
-    return f"Choose from: {shown}." if listed else "There is none yet: add it."
+    choices = f"Choose from: {shown}." if listed else "There is none yet: add it."
+    raise scene.error(key, problem, meant(name, names).strip() or choices)
 
 
-def _close(wanted: str, names) -> list[str]:
-    """The name that is most like a wanted one, if any is; not looked for where that would take long."""
+def meant(wanted: str, names: Collection[str]) -> str:
+    """Asks for the name that is most like a wanted one, if any is; not looked for where that would take long."""
     if len(wanted) > LONGEST_NAME or len(names) > 5000:
-        return []
-    return difflib.get_close_matches(wanted, list(names), 1)
+        return ""
+    return "".join(f"Did you mean {name}? " for name in difflib.get_close_matches(wanted, list(names), 1))
