@@ -38,6 +38,12 @@ def array_of(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     return array
 
 
+def pairs_of(name: str, values: Any) -> np.ndarray:
+    """A new array (n, 2) of indices."""
+    pairs = _array(name, values, "a list of pairs of nodes").reshape(-1, 2)
+    return pairs.astype(np.int64)
+
+
 def _array(name: str, values: Any, wanted: str) -> np.ndarray:
     try:
         found = np.asarray(values)

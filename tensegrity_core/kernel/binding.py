@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError, SimulationError, TensegrityError
 from ..fields import COUNTS, FIELDS, INTEGER_FIELDS, STATS, layout
 from ..model import Model, Transition
-from ..quantities import number
+from ..quantities import array_of, number
 from .packing import to_bytes
 
 LIBRARY = {"win32": "tensegrity.dll", "darwin": "libtensegrity.dylib"}.get(sys.platform, "libtensegrity.so")
@@ -178,16 +178,13 @@ class Kernel:
         Positions and velocities are exact, the others central differences along the motion (about 1e-6 relative).
         """
         out = np.empty(len(self.values) - self.first_output)
-        status = self._library.ts_output_derivatives(self._sim, _pointer(out))
-        if status:
-            self._raise(status)
+        self._require(self._library.ts_output_derivatives(self._sim, _pointer(out)))
         return out
 
     def output_derivatives(self) -> dict[str, np.ndarray]:
         """The same by name: field -> (count,)."""
         out, first = self.output_rates(), self.first_output
-        outputs = [field.name for field in FIELDS if field.role == "output"]
-        return {name: out[self.layout[name].start - first : self.layout[name].stop - first] for name in outputs}
+        return {name: out[at.start - first : at.stop - first] for name, at in self.layout.items() if at.start >= first}
 
     def __getitem__(self, name: str) -> np.ndarray:
         """View of a field: (count,) values; outputs of the present state, inputs and parameters to write to."""
@@ -198,7 +195,10 @@ class Kernel:
     def _message(self) -> str:
         return self._library.ts_message(self._sim).decode()
 
-    def _raise(self, status: int):
+    def _require(self, status: int) -> None:
+        """Raises what a status of the kernel means."""
+        if not status:
+            return
         name = self._library.ts_status_name(status).decode()
         if name == "BAD_INPUT":
             self.check()
@@ -225,15 +225,11 @@ class Kernel:
 
     def reset(self) -> None:
         """Inputs, parameters and state as they were at first."""
-        status = self._library.ts_reset(self._sim)
-        if status:
-            self._raise(status)
+        self._require(self._library.ts_reset(self._sim))
 
     def initialize(self, time: float = 0.0) -> None:
         """Return to the scene's start at this time (s) under the present inputs and parameters; fills the outputs."""
-        status = self._library.ts_initialize(self._sim, number("time", time))
-        if status:
-            self._raise(status)
+        self._require(self._library.ts_initialize(self._sim, number("time", time)))
 
     def step(self, h: float) -> None:
         """Advance by h > 0 (s) under the present inputs and tunables; fills the outputs.
@@ -242,7 +238,7 @@ class Kernel:
         """
         status = self._library.ts_step(self._sim, h if type(h) is float else number("h", h))
         if status:
-            self._raise(status)
+            self._require(status)
 
     def save(self) -> bytes:
         """The complete state."""
@@ -252,9 +248,7 @@ class Kernel:
 
     def restore(self, state: bytes) -> None:
         """Back to a saved state, to the last bit.  Raises InputError for bytes of another model or version, or damaged."""
-        status = self._library.ts_restore(self._sim, state, len(state))
-        if status:
-            self._raise(status)
+        self._require(self._library.ts_restore(self._sim, state, len(state)))
 
     @property
     def transitions(self) -> list[Transition]:
@@ -301,10 +295,7 @@ class Kernel:
         return y
 
     def _state(self, y: np.ndarray) -> np.ndarray:
-        y, length = np.ascontiguousarray(y, dtype=float), self._library.ts_state_length(self._sim)
-        if y.shape != (length,):
-            raise InputError(f"the state has the shape {y.shape}; give one of shape {(length,)}")
-        return y
+        return array_of("the state", y, (self._library.ts_state_length(self._sim),))
 
     def _string(self, string: int) -> int:
         string = int(string)
@@ -342,13 +333,8 @@ class Kernel:
 
     def piece_law(self, string: int, piece: int, elongation: float) -> tuple[float, float, float]:
         """Elastic tension (N), stiffness (N/m) and energy (J) of a string on one of its pieces, continued past its ends."""
-        out = np.empty(3)
-        if (
-            self._library.ts_piece_law(
-                self._sim, self._string(string), int(piece), number("elongation", elongation), _pointer(out)
-            )
-            < 0
-        ):
+        out, at = np.empty(3), number("elongation", elongation)
+        if self._library.ts_piece_law(self._sim, self._string(string), int(piece), at, _pointer(out)) < 0:
             raise InputError(f"piece = {piece!r}: string {string} has {len(self.pieces(string))} pieces, counted from 0")
         return out[0], out[1], out[2]
 

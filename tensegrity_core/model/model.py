@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..quantities import array_of, floats, number
+from ..quantities import array_of, floats, number, pairs_of
 from .elements import Beam, Damper, Element, Series, remembers
 
 
@@ -128,49 +128,34 @@ class Model:
 
     def __post_init__(self):
         if np.size(self.gravity) == 1:
-            object.__setattr__(self, "gravity", number("gravity", self.gravity))
+            self._set("gravity", number("gravity", self.gravity))
         else:
-            object.__setattr__(self, "gravity", tuple(array_of("gravity", self.gravity, (3,)).tolist()))
+            self._set("gravity", tuple(array_of("gravity", self.gravity, (3,)).tolist()))
         for name in ("point_mass", "drag"):
-            table = ((int(node), number(name, value)) for node, value in getattr(self, name))
-            object.__setattr__(self, name, tuple(table))
+            self._set(name, tuple((int(node), number(name, value)) for node, value in getattr(self, name)))
         for name in ("axes", "moving"):
-            object.__setattr__(self, name, tuple(int(index) for index in getattr(self, name)))
-        if vars(self)["velocity"] is None or not np.size(self.velocity):
-            object.__setattr__(self, "velocity", np.zeros_like(self.nodes, dtype=float))
-        for name in ("nsh", "element", "damper", "actuator"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        for name in ("element", "damper", "actuator"):
-            if not getattr(self, name):
-                object.__setattr__(self, name, (None,) * len(self.strings))
-        for name in ("current", "drum_load"):
-            if not len(getattr(self, name)):
-                object.__setattr__(self, name, np.zeros(len(self.actuated)))
-        for name in ("nodes", "bar_mass", "stiffness", "damping", "rest_length", "nominal", "velocity", "current", "drum_load"):
-            self._freeze(name, float)
+            self._set(name, tuple(int(index) for index in getattr(self, name)))
         for name in ("bars", "strings"):
-            self._freeze(name, np.int64, (-1, 2))
-        self._freeze("fixed", bool)
-        shapes: dict[str, tuple[int, ...]] = {
-            "nodes": (self.counts["N"], 3),
-            "nominal": (self.counts["N"], 3),
-            "velocity": (self.counts["N"], 3),
-        }
-        shapes |= {"fixed": (self.counts["N"],), "bar_mass": (self.counts["B"],)}
-        shapes |= dict.fromkeys(("stiffness", "damping", "rest_length"), (self.counts["S"],))
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise InputError(f"{name} has the shape {getattr(self, name).shape}; give one of shape {shape}")
+            self._set(name, pairs_of(name, getattr(self, name)))
+        for name in ("nsh", "element", "damper", "actuator"):
+            self._set(name, tuple(getattr(self, name)) or (None,) * len(self.strings))
+        nodes, strings, motors = (len(self.nodes), 3), (len(self.strings),), (len(self.motors),)
+        for name, shape in {"velocity": nodes, "current": motors, "drum_load": motors}.items():
+            if getattr(self, name) is None or not np.size(getattr(self, name)):
+                self._set(name, np.zeros(shape))
+        flags = np.asarray(self.fixed)
+        self._set("fixed", array_of("fixed", flags.astype(int) if flags.dtype == bool else flags, nodes[:1]) != 0.0)
+        shapes = {"nodes nominal velocity": nodes, "bar_mass": (len(self.bars),), "current drum_load": motors}
+        shapes["stiffness damping rest_length"] = strings
+        for names, shape in shapes.items():
+            for name in names.split():
+                self._set(name, array_of(name, getattr(self, name), shape))
 
-    def _freeze(self, name: str, dtype, shape=None):
-        try:
-            array = np.array(getattr(self, name), dtype=dtype)
-        except (TypeError, ValueError):
-            raise InputError(f"{name} = {getattr(self, name)!r} is no array of numbers; give one") from None
-        if shape is not None:
-            array = array.reshape(shape)
-        array.setflags(write=False)
-        object.__setattr__(self, name, array)
+    def _set(self, name: str, value):
+        """In place of what was given, an array for good."""
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        object.__setattr__(self, name, value)
 
     @cached_property
     def bar_length(self) -> np.ndarray:

@@ -74,32 +74,30 @@ class Reading:
                 data = file.read(MOST_BYTES + 1 - self.bytes)
         except FileNotFoundError:
             remedy = f"Check the path; built-in scenes are {', '.join(BUILTIN_SCENES)}."
-            raise SceneError(str(path), "(file)", str(path), "does not exist", remedy) from None
+            raise _refused(path, "does not exist", remedy) from None
         except (OSError, ValueError) as failure:  # ValueError: a null character in the path
             reason = getattr(failure, "strerror", None) or str(failure)
-            raise SceneError(str(path), "(file)", str(path), f"cannot be read: {reason}", "Name a readable file.") from None
+            raise _refused(path, f"cannot be read: {reason}", "Name a readable file.") from None
         self.bytes += len(data)
         if self.bytes > MOST_BYTES:
             problem = f"is too large: a scene's files may have {MOST_BYTES} bytes together"
-            raise SceneError(str(path), "(file)", str(path), problem, "Leave out what the scene does not need.")
+            raise _refused(path, problem, "Leave out what the scene does not need.")
         self.entries += sum(data.count(mark) for mark in b",=[")
         if self.entries > MOST_ENTRIES:
             problem = f"has about {self.entries} keys and values with what it extends, more than {MOST_ENTRIES}"
-            raise SceneError(
-                str(path), "(file)", str(path), problem, "Leave out what the scene does not need, or points of tables."
-            )
+            raise _refused(path, problem, "Leave out what the scene does not need, or points of tables.")
         try:
             return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
         except UnicodeDecodeError as failure:
             problem = f"is not UTF-8 text (byte {failure.start})"
-            raise SceneError(str(path), "(file)", str(path), problem, "Save the file as UTF-8.") from None
+            raise _refused(path, problem, "Save the file as UTF-8.") from None
 
     def extended(self, raw: dict, path: Path, below: tuple[Path, ...]) -> tuple[dict, Origin]:
         """Join a scene with those that its key `extends` names: tables join, anything else replaces."""
         origin = {place: str(path) for place in _places(raw)}
         if len(origin) > MOST_VALUES:
             problem = f"has {len(origin)} values, more than {MOST_VALUES}"
-            raise SceneError(str(path), "(file)", str(path), problem, "Leave out what the scene does not need.")
+            raise _refused(path, problem, "Leave out what the scene does not need.")
         if "extends" not in raw:
             return raw, origin
         raw = dict(raw)
@@ -121,6 +119,11 @@ class Reading:
             whole = _joined(whole, {key: value for key, value in base_raw.items() if key != "name"})
             origins |= base_origin
         return _joined(whole, raw), origins | origin
+
+
+def _refused(path: Path, problem: str, remedy: str) -> SceneError:
+    """The error of a file as a whole."""
+    return SceneError(str(path), "(file)", str(path), problem, remedy)
 
 
 def _parsed(path: Path, text: str) -> dict:
