@@ -56,14 +56,10 @@ API void arrays(const ts_pattern *p, int32_t *row, int32_t *column, int32_t *ord
     memcpy(entry, p->entry, (size_t)p->entries * size);
 }
 API int32_t find(const ts_pattern *p, int32_t i, int32_t j) { return ts_pattern_find(p, i, j); }
-API size_t factor_size(const ts_pattern *p) { return ts_pattern_factor_size(p); }
+API size_t factor_size(const ts_pattern *p) { return ts_pattern_factor_size(p, 1); }
 API int factorise(const ts_pattern *p, double a, const double *Jq, const double *Jv, double *factor)
 {
     return ts_blocks_factorise(p, a, Jq, Jv, factor);
-}
-API int factorise_matrix(const ts_pattern *p, const double *W, double *factor)
-{
-    return ts_blocks_factorise_matrix(p, W, factor);
 }
 API void solve(const ts_pattern *p, const double *factor, double *b) { ts_blocks_solve(p, factor, b); }
 API void multiply(const ts_pattern *p, const double *A, const double *x, double *y) { ts_blocks_multiply(p, A, x, y); }
@@ -98,7 +94,6 @@ def library(tmp_path_factory):
         ("find", integer, [pattern, integer, integer]),
         ("factor_size", ctypes.c_size_t, [pattern]),
         ("factorise", ctypes.c_int, [pattern, number, reals, reals, reals]),
-        ("factorise_matrix", ctypes.c_int, [pattern, reals, reals]),
         ("solve", None, [pattern, reals, reals]),
         ("multiply", None, [pattern, reals, reals, reals]),
     ]:
@@ -160,10 +155,8 @@ class Pattern:
         """The factor of the blocks W, or of a^2 I - a Jv - Jq where W is (a, Jq, Jv); None where it is refused."""
         size = self.lib.factor_size(self.handle)
         factor = self.guarded(np.full(size, np.nan))
-        if isinstance(W, tuple):
-            done = self.lib.factorise(self.handle, *W, factor)
-        else:
-            done = self.lib.factorise_matrix(self.handle, W, factor)
+        given = W if isinstance(W, tuple) else (0.0, -W, np.zeros_like(W))
+        done = self.lib.factorise(self.handle, *given, factor)
         return self.unguarded(factor, size) if done else None
 
     def solve(self, factor, b):

@@ -28,7 +28,7 @@ SHIM = """
 #define API __attribute__((visibility("default")))
 #endif
 
-API size_t factor_size(const ts_pattern *p) { return ts_complex_factor_size(p); }
+API size_t factor_size(const ts_pattern *p) { return ts_pattern_factor_size(p, 2); }
 API int factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor)
 {
     return ts_complex_factorise(p, re, im, Jq, Jv, factor);
@@ -39,7 +39,7 @@ API void solve(const ts_pattern *p, const double *factor, double *b) { ts_comple
 
 @pytest.fixture(scope="session")
 def complex_library(tmp_path_factory):
-    lib = test_blocks.compiled(tmp_path_factory.mktemp("complex_blocks"), SHIM, ("complex_blocks.c",))
+    lib = test_blocks.compiled(tmp_path_factory.mktemp("complex_blocks"), SHIM, ("pattern.c", "complex_blocks.c"))
     pattern, number = ctypes.c_void_p, ctypes.c_double
     reals = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
     for name, result, arguments in [

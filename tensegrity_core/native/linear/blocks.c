@@ -14,13 +14,11 @@
 #include <math.h>
 #include <stdint.h>
 
-/* Largest growth times loss, see quality: rounding of 1e-16 then leaves about three digits. */
+/* Largest growth times loss, see elimination.def: rounding of 1e-16 then leaves about three digits. */
 #define WORST 1e13
 
 /* D numbers in a row are a pair and, for D = 3, a single one.  They are loaded in the parts in which they were stored: only
- * then processors hand them on without waiting for the memory.  D is a constant once the functions below are inlined.
- * Arrays of the pattern are taken into local variables because the compiler must assume that a store changes the pattern. */
-
+ * then processors hand them on without waiting for the memory. */
 typedef struct {
     pair p;
     double t;
@@ -38,12 +36,30 @@ ALWAYS_INLINE void store(double *x, triple v, const int D)
     if (D == 3) x[2] = v.t;
 }
 
+typedef double scalar;
+typedef pair multiplier;
+typedef struct {
+    const double *F;
+} pivot_block;
+
+ALWAYS_INLINE pivot_block pivot_of(const double *F, const int D)
+{
+    (void)D;
+    return MAKE(pivot_block){F};
+}
+
+ALWAYS_INLINE void clear(double *A, const int D)
+{
+    const triple zero = {pair_both(0.0), 0.0};
+    for (int d = 0; d < D; d++) store(A + d * D, zero, D);
+}
+
 /* First number of block i of an array of blocks, or of block row i of a vector. */
 #define BLOCK(array, i) ((array) + (size_t)(i) * (size_t)(D * D))
 #define PART(vector, i) ((vector) + (size_t)(i) * (size_t)D)
 
 /* C -= A B, where a holds the numbers of A twice each.  Pairs first and single numbers last: that takes fewer registers. */
-ALWAYS_INLINE void subtract_product(const pair *a, const double *B, double *C, const int D)
+ALWAYS_INLINE void subtract_product(const multiplier *a, const double *B, double *C, const int D)
 {
     pair b0 = pair_load(B), b1 = pair_load(B + D), b2 = D == 3 ? pair_load(B + 6) : b0;
     for (int i = 0; i < D; i++) {
@@ -75,20 +91,20 @@ ALWAYS_INLINE double magnitude(const double *A, const int D)
         b = swap;        \
     } while (0)
 
-#define EXCHANGE(type, r0, r1, r2, P)      \
-    do {                                   \
-        int which = (int)(P);              \
-        if (which & 1) SWAP(type, r0, r1); \
-        if (which & 2) SWAP(type, r0, r2); \
-        if (which & 4) SWAP(type, r1, r2); \
+#define EXCHANGE(type, r0, r1, r2, P)    \
+    do {                                 \
+        if ((P) & 1) SWAP(type, r0, r1); \
+        if ((P) & 2) SWAP(type, r0, r2); \
+        if ((P) & 4) SWAP(type, r1, r2); \
     } while (0)
 
 /* F and P of S; E^-1 is not finite where S is singular. */
-ALWAYS_INLINE double factorise2(const double *S, double *F)
+ALWAYS_INLINE int factorise2(const double *S, double *F)
 {
-    double s00 = S[0], s01 = S[1], s10 = S[2], s11 = S[3], P = 0.0;
+    double s00 = S[0], s01 = S[1], s10 = S[2], s11 = S[3];
+    int P = 0;
     if (fabs(s10) > fabs(s00)) {
-        P = 1.0;
+        P = 1;
         SWAP(double, s00, s10);
         SWAP(double, s01, s11);
     }
@@ -98,17 +114,17 @@ ALWAYS_INLINE double factorise2(const double *S, double *F)
     return P;
 }
 
-ALWAYS_INLINE double factorise3(const double *S, double *F)
+ALWAYS_INLINE int factorise3(const double *S, double *F)
 {
     double s00 = S[0], s01 = S[1], s02 = S[2], s10 = S[3], s11 = S[4], s12 = S[5], s20 = S[6], s21 = S[7], s22 = S[8];
-    double P = 0.0;
+    int P = 0;
     if (fabs(s10) > fabs(s00) && fabs(s10) >= fabs(s20)) {
-        P = 1.0;
+        P = 1;
         SWAP(double, s00, s10);
         SWAP(double, s01, s11);
         SWAP(double, s02, s12);
     } else if (fabs(s20) > fabs(s00)) {
-        P = 2.0;
+        P = 2;
         SWAP(double, s00, s20);
         SWAP(double, s01, s21);
         SWAP(double, s02, s22);
@@ -116,7 +132,7 @@ ALWAYS_INLINE double factorise3(const double *S, double *F)
     double e0 = 1.0 / s00, g10 = s10 * e0, g20 = s20 * e0, h01 = s01 * e0, h02 = s02 * e0;
     s11 -= g10 * s01, s12 -= g10 * s02, s21 -= g20 * s01, s22 -= g20 * s02;
     if (fabs(s21) > fabs(s11)) {
-        P += 4.0;
+        P += 4;
         SWAP(double, s11, s21);
         SWAP(double, s12, s22);
         SWAP(double, g10, g20);
@@ -135,7 +151,7 @@ ALWAYS_INLINE double inverse_magnitude(const double *F, const int D)
 }
 
 /* L = A H^-1, and its numbers twice each for subtract_product(). */
-ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, pair *twice, const int D)
+ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, multiplier *twice, const int D)
 {
     for (int i = 0; i < D; i++) {
         double l0 = A[i * D], l1 = A[i * D + 1] - l0 * F[1];
@@ -164,10 +180,11 @@ ALWAYS_INLINE triple minus_scaled(triple v, double f, triple w)
 }
 
 /* B = E^-1 G^-1 P A; B may be A. */
-ALWAYS_INLINE void divide_left(const double *A, const double *F, double P, double *B, const int D)
+ALWAYS_INLINE void divide_left(const double *A, const pivot_block *G, int P, double *B, const int D)
 {
+    const double *F = G->F;
     triple r0 = load(A, D), r1 = load(A + D, D), r2 = D == 3 ? load(A + 6, D) : r1;
-    if (P != 0.0) EXCHANGE(triple, r0, r1, r2, P);
+    if (P) EXCHANGE(triple, r0, r1, r2, P);
     r1 = minus_scaled(r1, F[D], r0);
     store(B, scaled(F[0], r0), D);
     store(B + D, scaled(F[D + 1], r1), D);
@@ -176,112 +193,25 @@ ALWAYS_INLINE void divide_left(const double *A, const double *F, double P, doubl
     store(B + 6, scaled(F[8], r2), D);
 }
 
-/* E^-1 G^-1 P v */
-ALWAYS_INLINE triple solve_lower(const double *F, double P, triple v, const int D)
-{
-    double v0 = pair_first(v.p), v1 = pair_second(v.p), v2 = v.t;
-    if (P != 0.0) EXCHANGE(double, v0, v1, v2, P);
-    v1 -= F[D] * v0;
-    v.p = pair_multiply(pair_of(v0, v1), pair_of(F[0], F[D + 1]));
-    if (D == 3) v.t = (v2 - F[6] * v0 - F[7] * v1) * F[8];
-    return v;
-}
-
-/* H^-1 v */
-ALWAYS_INLINE triple solve_upper(const double *F, triple v, const int D)
-{
-    double v0 = pair_first(v.p), v1 = pair_second(v.p);
-    if (D == 3) {
-        v0 -= F[2] * v.t;
-        v1 -= F[5] * v.t;
-    }
-    v.p = pair_of(v0 - F[1] * v1, v1);
-    return v;
-}
-
-/* W = a^2 I - a Jv - Jq where Jv is given, else W = Jq: row i, scattered into the work space. */
+/* W = a^2 I - a Jv - Jq: row i, scattered into the work space. */
 ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, double a, const double *Jq, const double *Jv, double *work,
-                           const int given, const int D)
+                           const int D)
 {
     const int32_t *const column = p->column;
     const pair minus_a = pair_both(-a);
     for (int32_t m = p->row[i], last = p->row[i + 1]; m < last; m++) {
         double *W = BLOCK(work, column[m]);
         for (int d = 0; d < D; d++) {
-            triple w = load(BLOCK(Jq, m) + d * D, D);
-            if (!given) {
-                triple v = load(BLOCK(Jv, m) + d * D, D);
-                w.p = pair_subtract(pair_multiply(minus_a, v.p), w.p);
-                w.t = -a * v.t - w.t;
-            }
+            triple w = load(BLOCK(Jq, m) + d * D, D), v = load(BLOCK(Jv, m) + d * D, D);
+            w.p = pair_subtract(pair_multiply(minus_a, v.p), w.p);
+            w.t = -a * v.t - w.t;
             store(W + d * D, w, D);
         }
     }
-    if (given) return;
     double *own = BLOCK(work, i);
     pair_store(own, pair_add(pair_load(own), pair_of(a * a, 0.0)));
     pair_store(own + D, pair_add(pair_load(own + D), pair_of(0.0, a * a)));
     if (D == 3) own[8] += a * a;
-}
-
-/* Rounding is 1e-16 of the largest numbers that stand in a place meanwhile.  That is harmful by how much they exceed what the
- * matrix has there (growth), and by how little of them remains for the next pivots (loss).  In a positive definite system
- * nothing grows, and the loss is at most its condition.  Only diagonal blocks are looked at: what grows elsewhere grows there
- * as well when all couplings go both ways. */
-typedef struct {
-    double growth, loss;
-} quality;
-
-/* 0 also where a number is not finite, as comparisons are false then. */
-ALWAYS_INLINE int accept_pivot(quality *q, double initial, double largest, double inverse)
-{
-    double loss = largest * inverse;
-    if (!(largest <= q->growth * initial)) q->growth = largest / initial;
-    if (!(loss <= q->loss)) q->loss = loss;
-    return q->growth * q->loss < WORST;
-}
-
-ALWAYS_INLINE int factorise(const ts_pattern *p, double a, const double *Jq, const double *Jv, double *factor, const int given,
-                            const int D)
-{
-    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
-    const int32_t *const entry = p->entry, *const fill_first = p->fill_first, *const fill = p->fill;
-    const triple zero = {pair_both(0.0), 0.0};
-    double *exchange = BLOCK(factor, p->entries), *work = exchange + n; /* (n) P of each row; (n) blocks */
-    quality q = {1.0, 1.0};
-    for (int32_t r = 0, first = 0; r < n; r++) {
-        const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        double *S = BLOCK(work, i), *F = BLOCK(factor, middle);
-        for (int32_t f = fill_first[r]; f < fill_first[r + 1]; f++)
-            for (int d = 0; d < D; d++) store(BLOCK(work, fill[f]) + d * D, zero, D);
-        scatter(p, i, a, Jq, Jv, work, given, D);
-        const double initial = magnitude(S, D);
-        double largest = initial;
-        for (int32_t e = first; e < middle; e++) {
-            const int32_t k = entry[e], k_middle = diagonal[k], k_last = end[k];
-            pair twice[9];
-            divide_right(BLOCK(work, k), BLOCK(factor, k_middle), BLOCK(factor, e), twice, D);
-            for (int32_t u = k_middle + 1; u < k_last; u++) subtract_product(twice, BLOCK(factor, u), BLOCK(work, entry[u]), D);
-            double now = magnitude(S, D);
-            if (now > largest) largest = now;
-        }
-        const double P = exchange[i] = D == 2 ? factorise2(S, F) : factorise3(S, F);
-        if (!accept_pivot(&q, initial, largest, inverse_magnitude(F, D))) return 0;
-        for (int32_t e = first; e < middle; e++) divide_left(BLOCK(factor, e), F, P, BLOCK(factor, e), D);
-        for (int32_t e = middle + 1; e < last; e++) divide_left(BLOCK(work, entry[e]), F, P, BLOCK(factor, e), D);
-        first = last;
-    }
-    return 1;
-}
-
-int ts_blocks_factorise(const ts_pattern *p, double a, const double *Jq, const double *Jv, double *factor)
-{
-    return p->D == 2 ? factorise(p, a, Jq, Jv, factor, 0, 2) : factorise(p, a, Jq, Jv, factor, 0, 3);
-}
-
-int ts_blocks_factorise_matrix(const ts_pattern *p, const double *W, double *factor)
-{
-    return p->D == 2 ? factorise(p, 0.0, W, NULL, factor, 1, 2) : factorise(p, 0.0, W, NULL, factor, 1, 3);
 }
 
 /* Products of a row of blocks with parts of a vector, summed: even and odd columns apart, the third ones for themselves. */
@@ -320,8 +250,10 @@ ALWAYS_INLINE void sums_add(sums *s, const double *A, triple v, const int D)
     }
 }
 
-ALWAYS_INLINE void sums_subtract(sums *s, const double *A, triple v, const int D)
+/* s -= A v */
+ALWAYS_INLINE void subtract(sums *s, const double *A, const double *x, const int D)
 {
+    const triple v = load(x, D);
     for (int d = 0; d < D; d++) {
         s->p[d] = pair_subtract_product(s->p[d], pair_load(A + d * D), v.p);
         if (D == 3) s->t[d] -= A[d * D + 2] * v.t;
@@ -339,24 +271,39 @@ ALWAYS_INLINE triple sums_total(const sums *s, const int D)
     return v;
 }
 
-ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
+/* s = E^-1 G^-1 P v */
+ALWAYS_INLINE void start_lower(sums *s, const double *F, int P, const double *x, const int D)
 {
-    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
-    const int32_t *const entry = p->entry;
-    const double *exchange = BLOCK(factor, p->entries);
-    for (int32_t r = 0, e = 0; r < n; r++) {
-        const int32_t i = order[r], middle = diagonal[i];
-        sums s = sums_of(solve_lower(BLOCK(factor, middle), exchange[i], load(PART(b, i), D), D), D);
-        for (; e < middle; e++) sums_subtract(&s, BLOCK(factor, e), load(PART(b, entry[e]), D), D);
-        store(PART(b, i), sums_total(&s, D), D);
-        e = end[i];
+    triple v = load(x, D);
+    double v0 = pair_first(v.p), v1 = pair_second(v.p), v2 = v.t;
+    if (P) EXCHANGE(double, v0, v1, v2, P);
+    v1 -= F[D] * v0;
+    v.p = pair_multiply(pair_of(v0, v1), pair_of(F[0], F[D + 1]));
+    if (D == 3) v.t = (v2 - F[6] * v0 - F[7] * v1) * F[8];
+    *s = sums_of(v, D);
+}
+
+ALWAYS_INLINE void start_upper(sums *s, const double *x, const int D) { *s = sums_of(load(x, D), D); }
+ALWAYS_INLINE void put(const sums *s, double *x, const int D) { store(x, sums_total(s, D), D); }
+
+/* x = H^-1 s */
+ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *x, const int D)
+{
+    triple v = sums_total(s, D);
+    double v0 = pair_first(v.p), v1 = pair_second(v.p);
+    if (D == 3) {
+        v0 -= F[2] * v.t;
+        v1 -= F[5] * v.t;
     }
-    for (int32_t r = n; r-- > 0;) {
-        const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        sums s = sums_of(load(PART(b, i), D), D);
-        for (int32_t e = middle + 1; e < last; e++) sums_subtract(&s, BLOCK(factor, e), load(PART(b, entry[e]), D), D);
-        store(PART(b, i), solve_upper(BLOCK(factor, middle), sums_total(&s, D), D), D);
-    }
+    v.p = pair_of(v0 - F[1] * v1, v1);
+    store(x, v, D);
+}
+
+#include "linear/elimination.def"
+
+int ts_blocks_factorise(const ts_pattern *p, double a, const double *Jq, const double *Jv, double *factor)
+{
+    return p->D == 2 ? factorise(p, a, Jq, Jv, factor, 2) : factorise(p, a, Jq, Jv, factor, 3);
 }
 
 void ts_blocks_solve(const ts_pattern *p, const double *factor, double *b)

@@ -10,7 +10,7 @@
 
 #include <math.h>
 
-/* Largest growth times loss, see accept_pivot().  It is measured with sums of |re| and |im| over a block, which come to up to
+/* Largest growth times loss, see elimination.def.  It is measured with sums of |re| and |im| over a block, which come to up to
  * five times the condition: systems are accepted up to a condition of 1e13, where rounding of 1e-16 leaves three digits. */
 #define WORST 5e13
 
@@ -46,13 +46,31 @@ ALWAYS_INLINE pair squared_magnitude(pair a)
 #define NUMBER(block, i) ((block) + 2 * (i))
 #define PART(vector, i) ((vector) + (size_t)(i) * (size_t)(2 * D))
 
+typedef pair scalar;
+typedef factor_pair multiplier;
+typedef struct {
+    factor_pair f[9];
+} pivot_block;
+
+ALWAYS_INLINE pivot_block pivot_of(const double *F, const int D)
+{
+    pivot_block G;
+    for (int d = 0; d < D * D; d++) G.f[d] = spread(pair_load(NUMBER(F, d)));
+    return G;
+}
+
+ALWAYS_INLINE void clear(double *A, const int D)
+{
+    for (int d = 0; d < D * D; d++) pair_store(NUMBER(A, d), pair_both(0.0));
+}
+
 /* C -= A B, with A spread. */
-ALWAYS_INLINE void subtract_product(const factor_pair *a, const double *B, double *C, const int D)
+ALWAYS_INLINE void subtract_product(const multiplier *a, const double *B, double *C, const int D)
 {
     pair b[9];
     for (int d = 0; d < D * D; d++) b[d] = pair_load(NUMBER(B, d));
     for (int i = 0; i < D; i++) {
-        const factor_pair *row = a + i * D;
+        const multiplier *row = a + i * D;
         for (int j = 0; j < D; j++) {
             double *c = NUMBER(C, i * D + j);
             pair re = pair_add_product(pair_multiply(row[0].re, b[j]), row[1].re, b[D + j]);
@@ -171,7 +189,7 @@ ALWAYS_INLINE double inverse_magnitude(const double *F, const int D)
 }
 
 /* L = A H^-1, and its numbers spread. */
-ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, factor_pair *spreaded, const int D)
+ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, multiplier *spreaded, const int D)
 {
     pair h01 = pair_load(NUMBER(F, 1)), h02 = h01, h12 = h01;
     if (D == 3) h02 = pair_load(NUMBER(F, 2)), h12 = pair_load(NUMBER(F, 5));
@@ -194,8 +212,9 @@ ALWAYS_INLINE void divide_right(const double *A, const double *F, double *L, fac
 }
 
 /* B = E^-1 G^-1 P A; B may be A. */
-ALWAYS_INLINE void divide_left(const double *A, const factor_pair *f, int P, double *B, const int D)
+ALWAYS_INLINE void divide_left(const double *A, const pivot_block *G, int P, double *B, const int D)
 {
+    const factor_pair *f = G->f;
     const double *A0 = A + 2 * D * exchanged[P][0], *A1 = A + 2 * D * exchanged[P][1], *A2 = A + 2 * D * exchanged[P][2];
     for (int j = 0; j < D; j++) {
         pair r0 = pair_load(NUMBER(A0, j)), r1 = pair_load(NUMBER(A1, j)), r2 = D == 3 ? pair_load(NUMBER(A2, j)) : r1;
@@ -225,66 +244,6 @@ ALWAYS_INLINE void scatter(const ts_pattern *p, int32_t i, pair mu, const double
     pair square = times(spread(mu), mu);
     double *own = BLOCK(work, i);
     for (int d = 0; d < D; d++) pair_store(NUMBER(own, d * (D + 1)), pair_add(pair_load(NUMBER(own, d * (D + 1))), square));
-}
-
-/* What rounding can spoil, as in blocks.c: by how much numbers in a pivot's place exceed what the matrix has there (growth),
- * and by how much they exceed what remains of them (loss). */
-typedef struct {
-    double growth, loss;
-} quality;
-
-/* 0 also where a number is not finite: the comparisons are false then. */
-ALWAYS_INLINE int accept_pivot(quality *q, double initial, double largest, double inverse)
-{
-    double loss = largest * inverse;
-    if (!(largest <= q->growth * initial)) q->growth = largest / initial;
-    if (!(loss <= q->loss)) q->loss = loss;
-    return q->growth * q->loss < WORST;
-}
-
-ALWAYS_INLINE int factorise(const ts_pattern *p, pair mu, const double *Jq, const double *Jv, double *factor, const int D)
-{
-    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
-    const int32_t *const entry = p->entry, *const fill_first = p->fill_first, *const fill = p->fill;
-    double *work = BLOCK(factor, p->entries), *exchange = BLOCK(work, n); /* (n) blocks; (n) P of each row */
-    quality q = {1.0, 1.0};
-    for (int32_t r = 0, first = 0; r < n; r++) {
-        const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        double *S = BLOCK(work, i), *F = BLOCK(factor, middle);
-        factor_pair spreaded[9];
-        for (int32_t f = fill_first[r]; f < fill_first[r + 1]; f++)
-            for (int d = 0; d < D * D; d++) pair_store(NUMBER(BLOCK(work, fill[f]), d), pair_both(0.0));
-        scatter(p, i, mu, Jq, Jv, work, D);
-        const double initial = magnitude(S, D);
-        double largest = initial;
-        for (int32_t e = first; e < middle; e++) {
-            const int32_t k = entry[e], k_middle = diagonal[k], k_last = end[k];
-            divide_right(BLOCK(work, k), BLOCK(factor, k_middle), BLOCK(factor, e), spreaded, D);
-            for (int32_t u = k_middle + 1; u < k_last; u++)
-                subtract_product(spreaded, BLOCK(factor, u), BLOCK(work, entry[u]), D);
-            double now = magnitude(S, D);
-            if (now > largest) largest = now;
-        }
-        const int P = D == 2 ? factorise2(S, F) : factorise3(S, F);
-        if (!accept_pivot(&q, initial, largest, inverse_magnitude(F, D))) return 0;
-        exchange[i] = P;
-        for (int d = 0; d < D * D; d++) spreaded[d] = spread(pair_load(NUMBER(F, d)));
-        for (int32_t e = first; e < middle; e++) divide_left(BLOCK(factor, e), spreaded, P, BLOCK(factor, e), D);
-        for (int32_t e = middle + 1; e < last; e++) divide_left(BLOCK(work, entry[e]), spreaded, P, BLOCK(factor, e), D);
-        first = last;
-    }
-    return 1;
-}
-
-size_t ts_complex_factor_size(const ts_pattern *p)
-{
-    return ((size_t)p->entries + (size_t)p->n) * (size_t)(2 * p->D * p->D) + (size_t)p->n;
-}
-
-int ts_complex_factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor)
-{
-    const pair mu = pair_of(re, im);
-    return p->D == 2 ? factorise(p, mu, Jq, Jv, factor, 2) : factorise(p, mu, Jq, Jv, factor, 3);
 }
 
 /* Products of a block row with parts of a vector, summed: those with the real parts and those with (im, -im) apart. */
@@ -329,6 +288,11 @@ ALWAYS_INLINE void subtract(sums *s, const double *A, const double *v, const int
 
 ALWAYS_INLINE pair total(const sums *s, int d) { return pair_add(s->re[d], pair_swap(s->im[d])); }
 
+ALWAYS_INLINE void put(const sums *s, double *v, const int D)
+{
+    for (int d = 0; d < D; d++) pair_store(NUMBER(v, d), total(s, d));
+}
+
 /* v = H^-1 s */
 ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *v, const int D)
 {
@@ -343,26 +307,12 @@ ALWAYS_INLINE void finish_upper(const sums *s, const double *F, double *v, const
     pair_store(NUMBER(v, 1), v1);
 }
 
-ALWAYS_INLINE void solve(const ts_pattern *p, const double *factor, double *b, const int D)
+#include "linear/elimination.def"
+
+int ts_complex_factorise(const ts_pattern *p, double re, double im, const double *Jq, const double *Jv, double *factor)
 {
-    const int32_t n = p->n, *const order = p->order, *const diagonal = p->diagonal, *const end = p->end;
-    const int32_t *const entry = p->entry;
-    const double *exchange = BLOCK(factor, p->entries + n);
-    sums s;
-    for (int32_t r = 0, e = 0; r < n; r++) {
-        const int32_t i = order[r], middle = diagonal[i];
-        double *v = PART(b, i);
-        start_lower(&s, BLOCK(factor, middle), (int)exchange[i], v, D);
-        for (; e < middle; e++) subtract(&s, BLOCK(factor, e), PART(b, entry[e]), D);
-        for (int d = 0; d < D; d++) pair_store(NUMBER(v, d), total(&s, d));
-        e = end[i];
-    }
-    for (int32_t r = n; r-- > 0;) {
-        const int32_t i = order[r], middle = diagonal[i], last = end[i];
-        start_upper(&s, PART(b, i), D);
-        for (int32_t e = middle + 1; e < last; e++) subtract(&s, BLOCK(factor, e), PART(b, entry[e]), D);
-        finish_upper(&s, BLOCK(factor, middle), PART(b, i), D);
-    }
+    const pair mu = pair_of(re, im);
+    return p->D == 2 ? factorise(p, mu, Jq, Jv, factor, 2) : factorise(p, mu, Jq, Jv, factor, 3);
 }
 
 void ts_complex_solve(const ts_pattern *p, const double *factor, double *b)

@@ -6,11 +6,6 @@
 
 #include "linear/pattern.h"
 
-#include <stddef.h>
-
-/* Doubles in a complex factor, its work space included. */
-size_t ts_complex_factor_size(const ts_pattern *p);
-
 /* Factorise W for mu = re + i im.  0 where W is singular or not finite, where elimination without pivoting between blocks loses
  * all but a few digits, or where a pivot is below 1e-145 or above 1e145 in magnitude; the factor is then unusable.  Matrices
  * and factor must not overlap. */

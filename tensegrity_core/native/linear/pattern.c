@@ -323,7 +323,7 @@ int32_t ts_pattern_find(const ts_pattern *p, int32_t i, int32_t j)
     return low < p->row[i + 1] && p->column[low] == j ? low : -1;
 }
 
-size_t ts_pattern_factor_size(const ts_pattern *p)
+size_t ts_pattern_factor_size(const ts_pattern *p, int32_t doubles)
 {
-    return ((size_t)p->entries + (size_t)p->n) * (size_t)(p->D * p->D) + (size_t)p->n;
+    return ((size_t)p->entries + (size_t)p->n) * (size_t)(doubles * p->D * p->D) + (size_t)p->n;
 }

@@ -7,7 +7,6 @@
  * uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see kernel/packing.py. */
 #include "model/packed.h"
 #include "invariants.h"
-#include "linear/complex_blocks.h"
 #include "linear/pairs.h"
 #include "linear/pattern.h"
 #include "model/data.h"
@@ -434,7 +433,7 @@ static const char *lay_out_matrices(ts_sim *sim)
     free(couples);
     if (!made) return "out of memory";
     size_t size = (size_t)sim->linear.pattern.count * D * D;
-    size_t real = ts_pattern_factor_size(&sim->linear.pattern), complex = ts_complex_factor_size(&sim->linear.pattern);
+    size_t real = ts_pattern_factor_size(&sim->linear.pattern, 1), complex = ts_pattern_factor_size(&sim->linear.pattern, 2);
     sim->owned.matrices = (double *)calloc(2 * size + real + 2 * complex + 1, sizeof(double));
     if (!sim->owned.matrices) return "out of memory";
     sim->owned.bytes += sizeof(double) * (2 * size + real + 2 * complex);
