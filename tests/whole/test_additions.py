@@ -146,7 +146,7 @@ def add_integrator(tree: Path) -> None:
     insert(tree / "tensegrity_core" / "fields.py", '    "ros2": ', LINE)
     rk4 = source(tree, "rk4.c")
     text = rk4.read_text(encoding="utf-8").replace("rk4", "heun")
-    begin, end = text.index("#define STAGE"), text.index("static void accept")
+    begin, end = text.index("static double attempt"), text.index("static void densify")
     text = text[:begin] + ATTEMPT + text[end:]
     text = "".join(line for line in text.splitlines(keepends=True) if "heun_tableau" not in line or "include" not in line)
     rk4.with_name("heun.c").write_text(text, encoding="utf-8")

@@ -53,6 +53,7 @@ void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *J
     const ts_pattern *p = &sim->linear.pattern;
     size_t nq = (size_t)sim->m.nq, D = (size_t)sim->m.count[TS_D];
     take_values(sim);
+    sim->linear.ready = 0;
     ts_rhs_jacobian(sim, tau, y);
     sim->linear.ready = 0;
     memset(Jq, 0, sizeof(double) * nq * nq);

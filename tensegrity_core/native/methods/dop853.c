@@ -6,17 +6,11 @@
 #include "motion/motion.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "methods/dop853_tableau.h"
 
 #define STIFF 2.0 /* h lambda from which an implicit step may be the longer one; the method bears about 6 */
-
-/* Stage s of an attempt: its argument in ytmp, its derivative in row s of k. */
-#define STAGE(s)                                                                         \
-    do {                                                                                 \
-        add_stages(sim->state.y, A[s], s, sim->attempt.k, stride, h, n, sim->attempt.y); \
-        ts_rhs(sim, tau + C[s] * h, sim->attempt.y, sim->attempt.k + (s) * stride);      \
-    } while (0)
 
 /* Error of the step in units of the tolerance, from the two embedded estimates (Hairer, Norsett, Wanner, section II.10). */
 static double combined_error(ts_sim *sim, double h)
@@ -41,78 +35,61 @@ static double attempt(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
     for (int i = 0; i < stride; i++) sim->attempt.k[i] = sim->start.f[i];
-    STAGE(1);
-    STAGE(2);
-    STAGE(3);
-    STAGE(4);
-    STAGE(5);
-    STAGE(6);
-    STAGE(7);
-    STAGE(8);
-    STAGE(9);
-    STAGE(10);
-    STAGE(11);
+    EXPLICIT_STAGE(1);
+    EXPLICIT_STAGE(2);
+    EXPLICIT_STAGE(3);
+    EXPLICIT_STAGE(4);
+    EXPLICIT_STAGE(5);
+    EXPLICIT_STAGE(6);
+    EXPLICIT_STAGE(7);
+    EXPLICIT_STAGE(8);
+    EXPLICIT_STAGE(9);
+    EXPLICIT_STAGE(10);
+    EXPLICIT_STAGE(11);
     add_stages(sim->state.y, A[12], 12, sim->attempt.k, stride, h, stride, sim->ahead.y);
     /* h lambda as seen between the two stages at the step's end (Hairer, Norsett, Wanner, section IV.2) needs the last
-     * argument: accept() finds it in ytmp. */
+     * argument: accepted() finds it in ytmp. */
     return combined_error(sim, h);
 }
 
 /* Does stability rather than accuracy limit the step? */
-static void watch_stiffness(ts_sim *sim, double h)
+static void accepted(ts_sim *sim, double h)
 {
-    const double *last = sim->attempt.k + 11 * sim->m.stride;
-    double force = 0.0, state = 0.0;
+    double *last = sim->attempt.k + 11 * sim->m.stride, force = 0.0, state = 0.0;
     for (int i = 0; i < 2 * sim->m.nq; i++) {
         double f = sim->ahead.f[i] - last[i], y = sim->ahead.y[i] - sim->attempt.y[i];
         force += f * f;
         state += y * y;
     }
+    memcpy(last + sim->m.stride, sim->ahead.f, sizeof(double) * (size_t)sim->m.stride); /* stage 12, for densify() */
     double h_lambda = state > 0.0 ? h * sqrt(force / state) : 0.0;
     sim->memory.choice.h_lambda = h_lambda;
     if (h_lambda > STIFF) sim->memory.stiff += sim->memory.stiff < 1000;
     else if (sim->memory.stiff > 0 && !sim->memory.rejected) sim->memory.stiff--;
 }
 
-static void accept(ts_sim *sim, double tau, double h)
-{
-    int stride = sim->m.stride;
-    double *last = sim->attempt.k + 12 * stride;
-    ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
-    for (int i = 0; i < stride; i++) last[i] = sim->ahead.f[i];
-    watch_stiffness(sim, h);
-}
-
 static void densify(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
-    double *RESTRICT c = sim->ahead.dense;
-    const double *RESTRICT y = sim->state.y, *RESTRICT y1 = sim->ahead.y, *RESTRICT f0 = sim->start.f,
-                           *RESTRICT f1 = sim->ahead.f;
-    STAGE(13);
-    STAGE(14);
-    STAGE(15);
-    for (int i = 0; i < stride; i++) {
-        double dy = y1[i] - y[i];
-        c[stride + i] = dy;
-        c[2 * stride + i] = h * f0[i] - dy;
-        c[3 * stride + i] = 2.0 * dy - h * (f1[i] + f0[i]);
-    }
+    double *c = sim->ahead.dense;
+    EXPLICIT_STAGE(13);
+    EXPLICIT_STAGE(14);
+    EXPLICIT_STAGE(15);
+    hermite(sim->state.y, sim->start.f, sim->ahead.y, sim->ahead.f, h, stride, c);
     sum_stages(DENSE[0], 16, sim->attempt.k, stride, h, stride, c + 4 * stride);
     sum_stages(DENSE[1], 16, sim->attempt.k, stride, h, stride, c + 5 * stride);
     sum_stages(DENSE[2], 16, sim->attempt.k, stride, h, stride, c + 6 * stride);
     sum_stages(DENSE[3], 16, sim->attempt.k, stride, h, stride, c + 7 * stride);
 }
 
-static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
+static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
 {
-    int stride = sim->m.stride;
     double rest = 1.0 - theta;
-    const double *c = sim->ahead.dense + first;
+    const double *c = dense + first;
     for (int i = 0; i < count; i++) {
         double inner = c[4 * stride + i] + theta * (c[5 * stride + i] + rest * (c[6 * stride + i] + theta * c[7 * stride + i]));
         out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + rest * inner)));
     }
 }
 
-const ts_method ts_dop853 = {"dop853", 1.0 / 8.0, 6.0, 0.04, TS_LEDGER_IN_STAGES, 0, 8, attempt, accept, densify, interpolate};
+const ts_method ts_dop853 = {1.0 / 8.0, 6.0, 0.04, TS_LEDGER_IN_STAGES, 0, 8, attempt, densify, interpolate, accepted};

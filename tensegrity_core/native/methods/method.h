@@ -16,21 +16,20 @@ enum {
 /* A method advances y from tau by h under fixed pieces.  Adding one: a file with a table like this, and
  * a line in fields.py. */
 typedef struct {
-    const char *name;
     double exponent;  /* of the error in the step size control */
     double growth;    /* largest growth of the step */
     double smoothing; /* exponent of the last step's error there (Gustafsson): fewer rejections */
     int flags;
     int splits; /* transitions located in one step at most; 0: all */
-    int rows;   /* of cont that its dense output uses */
+    int rows;   /* of ts_step_ahead's dense output that it uses */
     /* try a step from (tau, y, f0); leave the end in y1; return the error in units of the tolerance (NaN: failed) */
     double (*attempt)(ts_sim *sim, double tau, double h);
-    /* after acceptance: y1 has been put on the constraint; leave the derivative there in f1 */
-    void (*accept)(ts_sim *sim, double tau, double h);
-    /* dense output in rows 1.. of cont, row 0 being the step's start; only called when it is asked for */
+    /* dense output in rows 1.., row 0 being the step's start; only called when it is asked for */
     void (*densify)(ts_sim *sim, double tau, double h);
-    /* components first..first+count-1 of y at tau + theta h, from cont alone */
-    void (*interpolate)(const ts_sim *sim, double theta, int first, int count, double *out);
+    /* components first..first+count-1 of y at tau + theta h, from rows of length stride */
+    void (*interpolate)(const double *dense, int stride, double theta, int first, int count, double *out);
+    /* y1 has been put on the constraint, the derivative there is in f1; NULL: nothing is left to do */
+    void (*accepted)(ts_sim *sim, double h);
 } ts_method;
 
 #define TS_METHOD(NAME, name) extern const ts_method ts_##name;

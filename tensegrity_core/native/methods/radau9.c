@@ -34,10 +34,9 @@ ALWAYS_INLINE void transform(const double M[STAGES][STAGES], const double *in, i
 }
 
 /* theta > 1 continues the step beyond its end */
-static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
+static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
 {
-    int stride = sim->m.stride;
-    const double *c = sim->ahead.dense + first;
+    const double *c = dense + first;
     for (int i = 0; i < count; i++)
         out[i] =
             c[i] + theta * (c[stride + i] +
@@ -52,7 +51,7 @@ static void guess(ts_sim *sim, double h, double *Z)
     memset(Z, 0, sizeof(double) * (size_t)(STAGES * stride));
     for (int s = 0; s < STAGES; s++, Z += stride)
         if (sim->memory.joined > 0.0) {
-            interpolate(sim, 1.0 + C[s] * h / sim->memory.joined, 0, 2 * nq, Z);
+            interpolate(sim->ahead.dense, stride, 1.0 + C[s] * h / sim->memory.joined, 0, 2 * nq, Z);
             for (int i = 0; i < 2 * nq; i++) Z[i] -= sim->state.y[i];
         } else {
             for (int i = 0; i < nq; i++) Z[i] = C[s] * h * sim->state.y[nq + i];
@@ -127,10 +126,7 @@ static double attempt(ts_sim *sim, double tau, double h)
 {
     int nq = sim->m.nq, stride = sim->m.stride, n = padded(2 * nq);
     double *Z = sim->attempt.k, *W = Z + STAGES * stride, *R = W + STAGES * stride;
-    if (!sim->linear.ready) {
-        ts_rhs_jacobian(sim, tau, sim->state.y);
-        sim->linear.ready = 1;
-    }
+    ts_rhs_jacobian(sim, tau, sim->state.y);
     int done = ts_stage_factorise(sim, GAMMA / h);
     for (int k = 0; k < PAIRS && done; k++) done = ts_pair_factorise(sim, k, MU[k][0] / h, -MU[k][1] / h);
     if (!done) return NAN;
@@ -154,19 +150,12 @@ static double attempt(ts_sim *sim, double tau, double h)
     return err;
 }
 
-static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f); }
-
 static void densify(ts_sim *sim, double tau, double h)
 {
     int n = padded(2 * sim->m.nq), stride = sim->m.stride;
     (void)tau;
-    sum_stages(DENSE[0], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + stride);
-    sum_stages(DENSE[1], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 2 * stride);
-    sum_stages(DENSE[2], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 3 * stride);
-    sum_stages(DENSE[3], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 4 * stride);
-    sum_stages(DENSE[4], STAGES, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 5 * stride);
+    transform(DENSE, sim->attempt.k, stride, n, sim->ahead.dense + stride);
     sim->memory.joined = h;
 }
 
-const ts_method ts_radau9 = {"radau9", 1.0 / 6.0, 8.0,     0.0,        TS_IMPLICIT | TS_ALWAYS_DENSE, 0, 6,
-                             attempt,  accept,    densify, interpolate};
+const ts_method ts_radau9 = {1.0 / 6.0, 8.0, 0.0, TS_IMPLICIT | TS_ALWAYS_DENSE, 0, 6, attempt, densify, interpolate, NULL};

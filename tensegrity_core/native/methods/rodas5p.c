@@ -30,11 +30,8 @@
 static double attempt(ts_sim *sim, double tau, double h)
 {
     int nq = sim->m.nq, n = padded(2 * nq), stride = sim->m.stride;
-    double a = 1.0 / (GAMMA * h), norm, unused;
-    if (!sim->linear.ready) {
-        ts_rhs_jacobian(sim, tau, sim->state.y);
-        sim->linear.ready = 1;
-    }
+    double a = 1.0 / (GAMMA * h);
+    ts_rhs_jacobian(sim, tau, sim->state.y);
     if (!ts_stage_factorise(sim, a)) return NAN;
     SOLVE(0, sim->start.f);
     STAGE(1);
@@ -46,11 +43,8 @@ static double attempt(ts_sim *sim, double tau, double h)
     STAGE(7);
     const double *last = sim->attempt.k + 7 * stride; /* the error, too */
     for (int i = 0; i < 2 * nq; i++) sim->ahead.y[i] = sim->attempt.y[i] + last[i];
-    ts_error_norms(sim, last, last, sim->state.y, sim->ahead.y, &norm, &unused);
-    return norm;
+    return ts_error_norm(sim, last, sim->state.y, sim->ahead.y);
 }
-
-static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f); }
 
 static void densify(ts_sim *sim, double tau, double h)
 {
@@ -63,15 +57,13 @@ static void densify(ts_sim *sim, double tau, double h)
     sum_stages(H[2], 8, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 4 * stride);
 }
 
-static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
+static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
 {
-    int stride = sim->m.stride;
     double rest = 1.0 - theta;
-    const double *c = sim->ahead.dense + first;
+    const double *c = dense + first;
     for (int i = 0; i < count; i++)
         out[i] = rest * c[i] +
                  theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + theta * c[4 * stride + i])));
 }
 
-const ts_method ts_rodas5p = {"rodas5p", 1.0 / 5.0, 6.0,     0.0,        TS_IMPLICIT | TS_CLIPPED, 0, 5,
-                              attempt,   accept,    densify, interpolate};
+const ts_method ts_rodas5p = {1.0 / 5.0, 6.0, 0.0, TS_IMPLICIT | TS_CLIPPED, 0, 5, attempt, densify, interpolate, NULL};

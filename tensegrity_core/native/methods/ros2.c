@@ -52,8 +52,6 @@ static double attempt(ts_sim *sim, double tau, double h)
     return 0.0;
 }
 
-static void accept(ts_sim *sim, double tau, double h) { ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f); }
-
 /* Rows: q0, h q0', then what the cubic adds in theta^2 and theta^3. */
 static void densify(ts_sim *sim, double tau, double h)
 {
@@ -72,12 +70,11 @@ static void densify(ts_sim *sim, double tau, double h)
     }
 }
 
-static void interpolate(const ts_sim *sim, double theta, int first, int count, double *out)
+static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
 {
-    int stride = sim->m.stride;
-    const double *c = sim->ahead.dense + first;
+    const double *c = dense + first;
     for (int i = 0; i < count; i++)
         out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }
 
-const ts_method ts_ros2 = {"ros2", 1.0, 1.0, 0.0, TS_FIXED_STEP | TS_IMPLICIT, 4, 4, attempt, accept, densify, interpolate};
+const ts_method ts_ros2 = {1.0, 1.0, 0.0, TS_FIXED_STEP | TS_IMPLICIT, 4, 4, attempt, densify, interpolate, NULL};

@@ -35,4 +35,23 @@ ALWAYS_INLINE void add_stages(const double *RESTRICT y, const double *a, const i
     }
 }
 
+/* Stage s of an attempt of an explicit method A, C: its argument in attempt.y, its derivative in row s of attempt.k. */
+#define EXPLICIT_STAGE(s)                                                                \
+    do {                                                                                 \
+        add_stages(sim->state.y, A[s], s, sim->attempt.k, stride, h, n, sim->attempt.y); \
+        ts_rhs(sim, tau + C[s] * h, sim->attempt.y, sim->attempt.k + (s) * stride);      \
+    } while (0)
+
+/* Rows 1 to 3 of a dense output: the cubic through both ends and their derivatives. */
+ALWAYS_INLINE void hermite(const double *RESTRICT y0, const double *RESTRICT f0, const double *RESTRICT y1,
+                           const double *RESTRICT f1, double h, int stride, double *RESTRICT dense)
+{
+    for (int i = 0; i < stride; i++) {
+        double dy = y1[i] - y0[i];
+        dense[stride + i] = dy;
+        dense[2 * stride + i] = h * f0[i] - dy;
+        dense[3 * stride + i] = 2.0 * dy - h * (f1[i] + f0[i]);
+    }
+}
+
 #endif

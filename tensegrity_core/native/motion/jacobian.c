@@ -191,9 +191,11 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
     if (!exact) turn_columns(sim, q, D);
 }
 
-/* Jq, Jv and ft = da/dt. */
+/* Jq, Jv and ft = da/dt, where they are not at hand. */
 void ts_rhs_jacobian(ts_sim *sim, double tau, const double *y)
 {
+    if (sim->linear.ready) return;
+    sim->linear.ready = 1;
     sim->memory.stats[TS_JACOBIANS]++;
     DISPATCH(&sim->m, jacobian, sim, tau, y, 1);
 }

@@ -103,24 +103,27 @@ typedef struct {
     double tau, h;
 } step;
 
+/* Coordinates from `first` on and their rates on the dense output, into attempt.y. */
+static void look(const step *s, double theta, int first, int count)
+{
+    ts_sim *sim = s->sim;
+    for (int at = first; at < 2 * sim->m.nq; at += sim->m.nq)
+        s->method->interpolate(sim->ahead.dense, sim->m.stride, theta, at, count, sim->attempt.y + at);
+}
+
 /* Elongation and rate of one string on the dense output, put on the constraint as the state will be: only the blocks it
  * hangs on are interpolated. */
 static void at_theta(const step *s, double theta, int i, double *elongation, double *rate)
 {
     ts_sim *sim = s->sim;
     const ts_term *t = sim->m.string.term + 4 * i;
-    int D = sim->m.count[TS_D], nq = sim->m.nq;
+    int D = sim->m.count[TS_D];
     sim->call.looks++;
     for (int k = 0; k < sim->m.string.term_count[i]; k++) {
-        s->method->interpolate(sim, theta, t[k].offset, D, sim->attempt.y + t[k].offset);
-        s->method->interpolate(sim, theta, nq + t[k].offset, D, sim->attempt.y + nq + t[k].offset);
+        look(s, theta, t[k].offset, D);
         ts_project_block(&sim->m, sim->attempt.y, t[k].block);
     }
-    if (sim->m.drive.winder[i] >= 0) {
-        int at = D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.drive.winder[i]);
-        s->method->interpolate(sim, theta, at, 1, sim->attempt.y + at);
-        s->method->interpolate(sim, theta, nq + at, 1, sim->attempt.y + nq + at);
-    }
+    if (sim->m.drive.winder[i] >= 0) look(s, theta, D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.drive.winder[i]), 1);
     ts_string_state(sim, s->tau + theta * s->h, sim->attempt.y, i, elongation, rate);
 }
 
