@@ -1,6 +1,5 @@
 /* For tests and analysis: derivatives, Jacobian, force laws. */
 #include "interface/applied.h"
-#include "interface/checks.h"
 #include "interface/message.h"
 #include "laws/curve.h"
 #include "linear/pairs.h"
@@ -26,7 +25,7 @@ int ts_output_derivatives(ts_sim *sim, double *out)
     ts_tangent_outputs(sim, sim->memory.last_step, out);
     ts_swap_back(sim);
     sim->memory = memory; /* looking changes nothing, not even the count of right-hand sides */
-    if (ts_all_finite(out, sim->m.n_real - sim->io.n_applied)) return TS_OK;
+    if (ts_all_finite(out, sim->m.n_real - sim->m.n_applied)) return TS_OK;
     ts_say(sim, "a derivative of an output is not a finite number");
     return TS_NOT_FINITE;
 }

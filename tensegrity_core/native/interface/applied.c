@@ -36,17 +36,17 @@ void ts_set_pieces(ts_sim *sim)
 /* The inputs and parameters of the last step in place of the present ones, which the caller may have changed since. */
 void ts_swap_applied(ts_sim *sim)
 {
-    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->io.n_inputs;
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->m.n_inputs;
     memcpy(sim->undo.reals, sim->io.values, sizeof(double) * reals);
     memcpy(sim->undo.reals + reals, sim->io.slopes, sizeof(double) * slopes);
-    memcpy(sim->io.values, sim->io.applied, sizeof(double) * (size_t)sim->io.n_applied);
+    memcpy(sim->io.values, sim->io.applied, sizeof(double) * (size_t)sim->m.n_applied);
     memcpy(sim->io.slopes, sim->io.applied_slopes, sizeof(double) * slopes);
 }
 
 /* The present ones and the outputs again. */
 void ts_swap_back(ts_sim *sim)
 {
-    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->io.n_inputs;
+    size_t reals = (size_t)sim->m.n_real, slopes = 2 * (size_t)sim->m.n_inputs;
     memcpy(sim->io.values, sim->undo.reals, sizeof(double) * reals);
     memcpy(sim->io.slopes, sim->undo.reals + reals, sizeof(double) * slopes);
 }

@@ -4,7 +4,6 @@
 
 #include "tensegrity.h"
 
-int ts_all_finite(const double *x, int n);
 int ts_check_change(ts_sim *sim, double h);
 int ts_check_outputs(ts_sim *sim, const char *when);
 

@@ -1,10 +1,10 @@
 /* Saved states: all that the next steps depend on, as bytes. */
 #include "interface/applied.h"
 #include "invariants.h"
-#include "interface/checks.h"
 #include "interface/message.h"
 #include "model/data.h"
 #include "model/packed.h"
+#include "motion/motion.h"
 #include "steps/auto.h"
 #include "steps/integrate.h"
 #include "tensegrity.h"
@@ -33,9 +33,9 @@ static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
     } parts[] = {
         {&sim->memory, sizeof sim->memory},
         {sim->io.values, sizeof(double) * (size_t)m->n_real},
-        {sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs},
-        {sim->io.applied_slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs},
-        {sim->io.applied, sizeof(double) * (size_t)sim->io.n_applied},
+        {sim->io.slopes, 2 * sizeof(double) * (size_t)sim->m.n_inputs},
+        {sim->io.applied_slopes, 2 * sizeof(double) * (size_t)sim->m.n_inputs},
+        {sim->io.applied, sizeof(double) * (size_t)sim->m.n_applied},
         {sim->state.y, sizeof(double) * (size_t)m->ny},
         {sim->io.integers, sizeof(int32_t) * (size_t)m->n_int},
         {sim->state.piece, S},
@@ -129,7 +129,7 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     possible = possible && is_sound(&sim->memory) && ts_all_finite(sim->state.y, sim->m.ny);
     possible = possible && ts_check(sim, &index) == TS_OK && ts_build_curves(sim) == TS_OK && is_possible(sim);
     if (possible) ts_derive(sim);
-    possible = possible && ts_all_finite(sim->io.values + sim->io.n_applied, sim->m.n_real - sim->io.n_applied);
+    possible = possible && ts_all_finite(sim->io.values + sim->m.n_applied, sim->m.n_real - sim->m.n_applied);
     ts_swap_back(sim);
     if (possible) return TS_OK;
     ts_reset(sim);

@@ -46,8 +46,8 @@ int ts_reset(ts_sim *sim)
     memset(sim->io.values, 0, sizeof(double) * (size_t)m->n_real);
     memset(sim->io.integers, 0, sizeof(int32_t) * (size_t)m->n_int);
     memset(&sim->memory, 0, sizeof sim->memory);
-    memcpy(sim->io.values, m->packed.start, sizeof(double) * (size_t)sim->io.n_applied);
-    memset(sim->io.slopes, 0, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
+    memcpy(sim->io.values, m->packed.start, sizeof(double) * (size_t)sim->m.n_applied);
+    memset(sim->io.slopes, 0, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
     sim->io.integers[m->int_at[TS_INT_METHOD]] = m->packed.method;
     sim->told.count = 0;
     int status =
@@ -70,8 +70,8 @@ double *ts_values(ts_sim *sim) { return sim->io.values; }
 int32_t ts_real_count(const ts_sim *sim) { return sim->m.n_real; }
 int32_t ts_integer_count(const ts_sim *sim) { return sim->m.n_int; }
 double *ts_slopes(ts_sim *sim) { return sim->io.slopes; }
-int32_t ts_input_count(const ts_sim *sim) { return sim->io.n_inputs; }
-int32_t ts_output_first(const ts_sim *sim) { return sim->io.n_applied; }
+int32_t ts_input_count(const ts_sim *sim) { return sim->m.n_inputs; }
+int32_t ts_output_first(const ts_sim *sim) { return sim->m.n_applied; }
 int32_t *ts_integers(ts_sim *sim) { return sim->io.integers; }
 double ts_time(const ts_sim *sim) { return sim->memory.time + sim->memory.time_low; }
 size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->owned.bytes; }
@@ -125,8 +125,8 @@ int ts_initialize(ts_sim *sim, double time)
     ts_set_reach(sim);
     sim->told.count = 0;
     memcpy(sim->state.y, m->y_start, sizeof(double) * (size_t)m->ny);
-    memcpy(sim->io.applied, sim->io.values, sizeof(double) * (size_t)sim->io.n_applied);
-    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
+    memcpy(sim->io.applied, sim->io.values, sizeof(double) * (size_t)sim->m.n_applied);
+    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
     ts_prepare(sim);
     move_to_centres(sim);
     ts_project(&sim->m, sim->state.y);
@@ -136,7 +136,7 @@ int ts_initialize(ts_sim *sim, double time)
     ts_place_all(sim);
     sim->told.count = sim->memory.stats[TS_TRANSITIONS] = 0;
     ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
-    for (int i = sim->io.n_applied; i < m->n_real; i++)
+    for (int i = sim->m.n_applied; i < m->n_real; i++)
         sim->io.values[i] = NAN; /* an output that nothing fills is found below */
     ts_outputs(sim, 0.0);
     status = ts_check_outputs(sim, "at the start");
@@ -179,7 +179,7 @@ static int inputs_move(const ts_sim *sim)
     const double *rate = sim->io.applied + sim->m.at[TS_REST_LENGTH_RATE];
     for (int i = 0; i < sim->m.count[TS_S]; i++)
         if (rate[i] != 0.0) return 1;
-    return ts_inputs_move(sim);
+    return ts_inputs_move(&sim->m, &sim->io);
 }
 
 static int wound_up(ts_sim *sim)
@@ -233,8 +233,8 @@ static void recall_outputs(ts_sim *sim)
     ts_derive(sim);
     ts_rhs(sim, memory.last_step, sim->state.y, sim->start.f);
     ts_outputs(sim, memory.last_step);
-    memcpy(sim->io.values, sim->undo.reals, sizeof(double) * (size_t)sim->io.n_applied);
-    memcpy(sim->io.slopes, sim->undo.reals + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
+    memcpy(sim->io.values, sim->undo.reals, sizeof(double) * (size_t)sim->m.n_applied);
+    memcpy(sim->io.slopes, sim->undo.reals + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
     sim->memory = memory; /* work is counted once */
 }
 
@@ -257,14 +257,14 @@ static int step_within(ts_sim *sim, double h)
 
 int ts_step(ts_sim *sim, double h)
 {
-    size_t bytes = sizeof(double) * (size_t)sim->io.n_applied;
+    size_t bytes = sizeof(double) * (size_t)sim->m.n_applied;
     ts_memory memory;
     int status = TS_OK;
     if (!sim->memory.started || !(h > 0.0) || !isfinite(h)) {
         ts_say(sim, sim->memory.started ? "the step must be positive and finite" : "initialize first");
         return TS_BAD_STEP;
     }
-    int sloped = ts_sloped(sim);
+    int sloped = ts_sloped(&sim->m, &sim->io);
     int changed = sloped || sim->memory.sloped || memcmp(sim->io.values, sim->io.applied, bytes) || inputs_move(sim) ||
                   sim->io.integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
     if (!changed && ts_span_serves(sim, h)) return step_within(sim, h);
@@ -286,6 +286,6 @@ int ts_step(ts_sim *sim, double h)
         return status;
     }
     memcpy(sim->io.applied, sim->io.values, bytes);
-    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->io.n_inputs);
+    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
     return TS_OK;
 }

@@ -56,7 +56,7 @@ ALWAYS_INLINE pivot_block pivot_of(const double *F, const int D)
 {
     pivot_block G;
     for (int d = 0; d < D * D; d++) G.f[d] = spread(pair_load(NUMBER(F, d)));
-    return G;
+    return G; /* cppcheck-suppress uninitvar -- D is 2 or 3 */
 }
 
 ALWAYS_INLINE void clear(double *A, const int D)

@@ -323,6 +323,8 @@ int32_t ts_pattern_find(const ts_pattern *p, int32_t i, int32_t j)
     return low < p->row[i + 1] && p->column[low] == j ? low : -1;
 }
 
+int32_t ts_pattern_place(const ts_pattern *p, int32_t i, int32_t j) { return p->D * p->D * ts_pattern_find(p, i, j); }
+
 size_t ts_pattern_factor_size(const ts_pattern *p, int32_t doubles)
 {
     return ((size_t)p->entries + (size_t)p->n) * (size_t)(doubles * p->D * p->D) + (size_t)p->n;

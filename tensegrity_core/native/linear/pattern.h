@@ -32,6 +32,9 @@ void ts_pattern_free(ts_pattern *p);
 /* Index of block (i, j) in the matrix; -1 where it has none. */
 int32_t ts_pattern_find(const ts_pattern *p, int32_t i, int32_t j);
 
+/* Its first number in an array of the matrix's blocks; negative where it has none. */
+int32_t ts_pattern_place(const ts_pattern *p, int32_t i, int32_t j);
+
 /* Doubles in a factor whose numbers are of so many doubles, its work space included. */
 size_t ts_pattern_factor_size(const ts_pattern *p, int32_t doubles);
 

@@ -1,5 +1,4 @@
 /* Explicit, order 8, adaptive, dense output of order 7.  Sources: dop853_tableau.h. */
-#include "linear/pairs.h"
 #include "methods/method.h"
 #include "methods/stages.h"
 #include "model/data.h"

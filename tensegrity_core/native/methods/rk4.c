@@ -3,7 +3,6 @@
 #include "methods/method.h"
 #include "methods/stages.h"
 #include "model/data.h"
-#include "motion/motion.h"
 
 #include <stddef.h>
 

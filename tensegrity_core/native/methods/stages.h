@@ -5,6 +5,7 @@
 
 #include "linear/pairs.h"
 #include "model/model.h"
+#include "motion/motion.h"
 
 /* Components of a vector of n, with padding. */
 ALWAYS_INLINE int padded(int n) { return (n + TS_LANES - 1) & ~(TS_LANES - 1); }

@@ -84,7 +84,6 @@ typedef struct {
     double *slopes;         /* (2, n_inputs) first and second derivatives of the inputs by time, see ts_slopes() */
     double *applied_slopes; /* (2, n_inputs) as the last step saw them */
     int32_t *integers;      /* (n_int) */
-    int32_t n_applied, n_inputs;
 } ts_io;
 
 /* The state at the last communication point, or while a call lasts where it has come to (saved): ts_integrate(). */

@@ -99,7 +99,8 @@ typedef struct {
     /* sizes */
     int32_t count[TS_COUNTS];
     int32_t n_real, n_int;
-    int32_t at[TS_FIELD_COUNT]; /* first index of each field in the block of doubles */
+    int32_t n_inputs, n_applied; /* the first reals: inputs, then with parameters */
+    int32_t at[TS_FIELD_COUNT];  /* first index of each field in the block of doubles */
     int32_t int_at[TS_INT_FIELD_COUNT];
     int32_t blocks, nq, ny; /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
     int32_t lanes, stride;  /* strings and ny, padded to a multiple of TS_LANES */

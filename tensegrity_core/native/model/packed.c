@@ -94,11 +94,11 @@ static void take_state(ts_sim *sim, arena *a)
     ts_io *io = &sim->io;
     TAKE(sim->laws.curve, S), TAKE(sim->laws.owner, S), TAKE(sim->laws.damping, S);
     TAKE(sim->laws.key, 2 * (3 * m->count[TS_Z] + S));
-    TAKE(io->values, m->n_real), TAKE(io->applied, io->n_applied), TAKE(io->integers, m->n_int);
-    TAKE(io->slopes, 2 * io->n_inputs), TAKE(io->applied_slopes, 2 * io->n_inputs);
+    TAKE(io->values, m->n_real), TAKE(io->applied, m->n_applied), TAKE(io->integers, m->n_int);
+    TAKE(io->slopes, 2 * m->n_inputs), TAKE(io->applied_slopes, 2 * m->n_inputs);
     TAKE(sim->state.y, m->stride), TAKE(sim->state.piece, S), TAKE(sim->state.clipped, S);
     TAKE(sim->told.transitions, TS_MAX_TRANSITIONS);
-    TAKE(sim->undo.reals, m->n_real + io->n_applied + 2 * io->n_inputs + m->ny), TAKE(sim->undo.integers, m->n_int + 2 * S);
+    TAKE(sim->undo.reals, m->n_real + m->n_applied + 2 * m->n_inputs + m->ny), TAKE(sim->undo.integers, m->n_int + 2 * S);
 }
 
 /* What a step prepares, and what a right-hand side finds. */
@@ -367,8 +367,8 @@ static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
     if (m->count[TS_D] != 2 && m->count[TS_D] != 3) return "neither planar nor 3D";
     if (m->z_axis >= m->count[TS_D]) return "no such axis";
     lay_out(m);
-    sim->io.n_applied = m->at[TS_POSITION];
-    sim->io.n_inputs = m->at[TS_STIFFNESS];
+    m->n_applied = m->at[TS_POSITION];
+    m->n_inputs = m->at[TS_STIFFNESS];
     size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
     doubles += (size_t)m->packed.program_doubles;
     if (size != 8 + 4 * int_count(m) + 8 * doubles + 8) return "the length is wrong";
@@ -446,10 +446,9 @@ static const char *lay_out_matrices(ts_sim *sim)
         for (int a = 0; a < m->string.term_count[i]; a++)
             for (int b = 0; b < m->string.term_count[i]; b++)
                 m->string.term_place[16 * i + 4 * a + b] =
-                    (int32_t)D * (int32_t)D *
-                    ts_pattern_find(&sim->linear.pattern, m->string.term[4 * i + a].block, m->string.term[4 * i + b].block);
+                    ts_pattern_place(&sim->linear.pattern, m->string.term[4 * i + a].block, m->string.term[4 * i + b].block);
     for (int b = 0; b < m->blocks; b++) {
-        m->block.own_place[b] = (int32_t)(D * D) * ts_pattern_find(&sim->linear.pattern, b, b);
+        m->block.own_place[b] = ts_pattern_place(&sim->linear.pattern, b, b);
         TS_ASSERT(m->block.own_place[b] >= 0);
     }
     return NULL;

@@ -20,10 +20,7 @@
 
 #define DERIVATIVES 5 /* of a moved node's position: from the position itself to the fourth */
 
-static int motor_at(const ts_sim *sim, int actuator)
-{
-    return (sim->m.blocks - sim->m.count[TS_A] + actuator) * sim->m.count[TS_D];
-}
+static int motor_at(const ts_model *m, int actuator) { return (m->blocks - m->count[TS_A] + actuator) * m->count[TS_D]; }
 
 static double value(const ts_sim *sim, int field, int i) { return sim->io.values[sim->m.at[field] + i]; }
 
@@ -88,11 +85,10 @@ static double first_nonzero(double a, double b, double c) { return a != 0.0 ? a 
 
 /* Position of a moved node and its derivatives at the step's start; a derivative of an input takes the place of the input that
  * is meant to be that. */
-static void polynomial(const ts_sim *sim, const double *values, const double *slopes, int e, double *out)
+static void polynomial(const ts_model *m, const double *values, const double *slopes, int e, double *out)
 {
-    const ts_model *m = &sim->m;
     int D = m->count[TS_D];
-    const double *bends = slopes + sim->io.n_inputs;
+    const double *bends = slopes + m->n_inputs;
     for (int d = 0; d < D; d++) {
         int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i,
             a = m->at[TS_NODE_ACCELERATION] + i;
@@ -122,17 +118,17 @@ void ts_base_at(const ts_bases *bases, int D, double tau, int e, double *x, doub
     }
 }
 
-/* All of them, and into the node positions. */
-void ts_move_bases(ts_sim *sim, double tau)
+/* All of them, and into the node positions and velocities x (N, 2, D). */
+void ts_move_bases(const ts_model *m, double tau, ts_bases *bases, double *x)
 {
-    int D = sim->m.count[TS_D];
-    for (int e = 0; e < sim->m.count[TS_E]; e++) {
-        const double *p = sim->bases.start + DERIVATIVES * e * D;
-        double *now = sim->bases.now + 3 * e * D, *x = sim->strings.x + 2 * D * sim->m.packed.moved[e];
+    int D = m->count[TS_D];
+    for (int e = 0; e < m->count[TS_E]; e++) {
+        const double *p = bases->start + DERIVATIVES * e * D;
+        double *now = bases->now + 3 * e * D, *at = x + 2 * D * m->packed.moved[e];
         for (int d = 0; d < D; d++) {
             for (int order = 0; order < 3; order++) now[order * D + d] = derivative(p, D, d, order, tau);
-            x[d] = now[d];
-            x[D + d] = now[D + d];
+            at[d] = now[d];
+            at[D + d] = now[D + d];
         }
     }
 }
@@ -149,7 +145,7 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
         int block = m->bar.block[m->drive.mover_bar[e]];
         const double *c = sim->state.y + block * D, *now = sim->bases.start + (DERIVATIVES * e + 1) * D;
         const double *start = m->packed.velocity + m->packed.moved[e] * D;
-        if (values) polynomial(sim, values, slopes, e, before);
+        if (values) polynomial(m, values, slopes, e, before);
         for (int d = 0; d < D; d++) jump[d] = now[d] - (values ? derivative(before, D, d, 1, tau) : start[d]);
         for (int d = 0; d < D; d++) along += c[d] * jump[d] / (m->block.length[block] * m->block.length[block]);
         double kappa = sim->inertia.laden[block] * sim->inertia.inverse[block];
@@ -158,23 +154,21 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
 }
 
 /* Do moved nodes move on under the inputs of the last step, while the inputs say where they are at its start? */
-int ts_inputs_move(const ts_sim *sim)
+int ts_inputs_move(const ts_model *m, const ts_io *io)
 {
-    const ts_model *m = &sim->m;
     for (int i = m->at[TS_NODE_VELOCITY]; i < m->at[TS_NODE_ACCELERATION + 1]; i++)
-        if (sim->io.applied[i] != 0.0) return 1;
+        if (io->applied[i] != 0.0) return 1;
     return 0;
 }
 
 /* A bar's share in the inertia force, on its block. */
-void ts_carry(const ts_sim *sim, double *Q)
+void ts_carry(const ts_model *m, const ts_inertia *inertia, const ts_bases *bases, double *Q)
 {
-    const ts_model *m = &sim->m;
     int D = m->count[TS_D];
     for (int e = 0; e < m->count[TS_E]; e++) {
         if (m->drive.mover_bar[e] < 0) continue;
         int block = m->bar.block[m->drive.mover_bar[e]];
-        for (int d = 0; d < D; d++) Q[block * D + d] -= sim->inertia.laden[block] * sim->bases.now[(3 * e + 2) * D + d];
+        for (int d = 0; d < D; d++) Q[block * D + d] -= inertia->laden[block] * bases->now[(3 * e + 2) * D + d];
     }
 }
 
@@ -188,8 +182,7 @@ static double pull_of_mover(const ts_sim *sim, double tau, const double *a, int 
     if (bar < 0) return force;
     int block = m->bar.block[bar], i = block * D + d,
         tip = m->packed.bars[2 * bar] == node ? m->packed.bars[2 * bar + 1] : m->packed.bars[2 * bar];
-    double on_tip =
-        sim->loads.Q[i] + (sim->loads.rate[i] + 0.5 * sim->loads.bend[i] * tau) * tau + sim->strings.node_force[tip * D + d];
+    double on_tip = load_at(&sim->loads, i, tau) + sim->strings.node_force[tip * D + d];
     double mass = value(sim, TS_BAR_MASS, bar) + sim->inertia.extra[tip];
     return force + mass * at_base + sim->inertia.laden[block] * a[i] - on_tip;
 }
@@ -210,15 +203,15 @@ void ts_drag(ts_sim *sim, double *force)
 /* --- actuators ---------------------------------------------------------------------------------------------------------- */
 
 /* Length that has been wound in (m), or with y behind the positions its rate (m/s). */
-double ts_wound(const ts_sim *sim, const double *y, int string) { return y[motor_at(sim, sim->m.drive.winder[string])]; }
+double ts_wound(const ts_model *m, const double *y, int string) { return y[motor_at(m, m->drive.winder[string])]; }
 
-/* Rest lengths and rates of strings that are wound, in rest_now and rest_rate_now. */
-void ts_wind(ts_sim *sim, const double *y)
+/* Rest lengths and rates of strings that are wound, in now and rate_now. */
+void ts_wind(const ts_model *m, const double *y, ts_rest *rest)
 {
-    for (int a = 0; a < sim->m.count[TS_A]; a++) {
-        int i = sim->m.packed.wound[a];
-        sim->rest.now[i] -= ts_wound(sim, y, i);
-        sim->rest.rate_now[i] -= ts_wound(sim, y + sim->m.nq, i);
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        int i = m->packed.wound[a];
+        rest->now[i] -= ts_wound(m, y, i);
+        rest->rate_now[i] -= ts_wound(m, y + m->nq, i);
     }
 }
 
@@ -227,7 +220,7 @@ int ts_wound_up(const ts_sim *sim)
 {
     for (int a = 0; a < sim->m.count[TS_A]; a++) {
         int i = sim->m.packed.wound[a];
-        if (sim->rest.length[i] - ts_wound(sim, sim->state.y, i) < -1e-12 * sim->rest.length[i]) return 1;
+        if (sim->rest.length[i] - ts_wound(&sim->m, sim->state.y, i) < -1e-12 * sim->rest.length[i]) return 1;
     }
     return 0;
 }
@@ -239,7 +232,7 @@ typedef struct {
 /* An input with its derivatives, and its rate. */
 static double held(const ts_sim *sim, int at, double tau, double *rate)
 {
-    double bend = sim->io.slopes[sim->io.n_inputs + at];
+    double bend = sim->io.slopes[sim->m.n_inputs + at];
     *rate = sim->io.slopes[at] + bend * tau;
     return sim->io.values[at] + (sim->io.slopes[at] + 0.5 * bend * tau) * tau;
 }
@@ -256,11 +249,12 @@ static motor motor_of(const ts_sim *sim, double tau, int a, double *push_rate)
 /* Forces on the actuators' blocks. */
 void ts_motors(const ts_sim *sim, double tau, const double *v, double *Q)
 {
-    for (int a = 0; a < sim->m.count[TS_A]; a++) {
-        int at = motor_at(sim, a), i = sim->m.packed.wound[a];
+    const ts_model *m = &sim->m;
+    for (int a = 0; a < m->count[TS_A]; a++) {
+        int at = motor_at(m, a), i = m->packed.wound[a];
         double rate;
         motor drive = motor_of(sim, tau, a, &rate);
-        for (int d = 0; d < sim->m.count[TS_D]; d++) Q[at + d] = 0.0;
+        for (int d = 0; d < m->count[TS_D]; d++) Q[at + d] = 0.0;
         Q[at] = drive.push - (sim->strings.fs[i] + sim->strings.fd[i]) - drive.loss * v[at];
     }
 }
@@ -272,18 +266,12 @@ void ts_drive(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     for (int e = 0; e < m->count[TS_E]; e++)
-        polynomial(sim, sim->io.values, sim->io.slopes, e, sim->bases.start + DERIVATIVES * e * m->count[TS_D]);
-    ts_move_bases(sim, 0.0);
+        polynomial(m, sim->io.values, sim->io.slopes, e, sim->bases.start + DERIVATIVES * e * m->count[TS_D]);
+    ts_move_bases(m, 0.0, &sim->bases, sim->strings.x);
     for (int a = 0; a < m->count[TS_A]; a++) {
         double r = value(sim, TS_DRUM_RADIUS, a);
         sim->inertia.inverse[m->blocks - m->count[TS_A] + a] = r * r / value(sim, TS_MOTOR_INERTIA, a);
     }
-}
-
-static void put_in(double *p, double power)
-{
-    p[1] += power;
-    p[2] += fabs(power);
 }
 
 /* Their part in the rates of the ledger's integrals (W); a: accelerations of the blocks. */
@@ -300,25 +288,19 @@ void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double
     for (int e = 0; e < m->count[TS_E]; e++) {
         double power = 0.0;
         for (int d = 0; d < D; d++) power += pull_of_mover(sim, tau, a, e, d) * sim->bases.now[(3 * e + 1) * D + d];
-        put_in(p, power);
+        book(p, power);
     }
     for (int k = 0; k < m->count[TS_A]; k++) {
         int i = m->packed.wound[k];
-        double rate, speed = v[motor_at(sim, k)], taken = -(sim->strings.fs[i] + sim->strings.fd[i]) * sim->rest.rate_now[i];
+        double rate, speed = v[motor_at(m, k)], taken = -(sim->strings.fs[i] + sim->strings.fd[i]) * sim->rest.rate_now[i];
         motor drive = motor_of(sim, tau, k, &rate);
-        put_in(p, drive.push * speed);
+        book(p, drive.push * speed);
         p[0] += drive.loss * speed * speed;
         p[2] += drive.loss * speed * speed;
         if (!sim->rest.moves) continue; /* else the strings' loop has booked what the motor gives the string */
         p[1] -= taken;
         p[2] -= fabs(taken);
     }
-}
-
-/* Entry (0, 0) of the Jacobian's block (row, column). */
-static int place(const ts_sim *sim, int row, int column)
-{
-    return sim->m.count[TS_D] * sim->m.count[TS_D] * ts_pattern_find(&sim->linear.pattern, row, column);
 }
 
 static void drag_jacobian(ts_sim *sim, int r)
@@ -334,7 +316,7 @@ static void drag_jacobian(ts_sim *sim, int r)
         for (int d = 0; d < D && mover >= 0; d++)
             sim->linear.ft[block[i] * D + d] += w * sim->bases.now[(3 * mover + 2) * D + d];
         for (int j = 0; j < count; j++) {
-            double *A = sim->linear.Jv + place(sim, block[i], block[j]);
+            double *A = sim->linear.Jv + ts_pattern_place(&sim->linear.pattern, block[i], block[j]);
             for (int d = 0; d < D; d++) A[d * D + d] += w * coef[j];
         }
     }
@@ -354,7 +336,7 @@ void ts_drive_jacobian(ts_sim *sim, double tau)
             sim->linear.ft[block * D + d] += w * derivative(sim->bases.start + DERIVATIVES * e * D, D, d, 3, tau);
     }
     for (int a = 0; a < m->count[TS_A]; a++) {
-        int at = motor_at(sim, a), block = at / D;
+        int at = motor_at(m, a), block = at / D;
         double rate, loss = motor_of(sim, tau, a, &rate).loss;
         sim->linear.Jv[m->block.own_place[block]] -= sim->inertia.inverse[block] * loss;
         sim->linear.ft[at] += sim->inertia.inverse[block] * rate;

@@ -3,21 +3,22 @@
 #define TENSEGRITY_DRIVES_H
 
 #include "model/data.h"
+#include "model/model.h"
 #include "tensegrity.h"
 
 void ts_drive(ts_sim *sim);
 void ts_weigh(ts_sim *sim);
-void ts_move_bases(ts_sim *sim, double tau);
+void ts_move_bases(const ts_model *m, double tau, ts_bases *bases, double *x);
 void ts_base_at(const ts_bases *bases, int D, double tau, int mover, double *x, double *v);
 void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, double tau);
-void ts_wind(ts_sim *sim, const double *y);
-double ts_wound(const ts_sim *sim, const double *y, int string);
+void ts_wind(const ts_model *m, const double *y, ts_rest *rest);
+double ts_wound(const ts_model *m, const double *y, int string);
 void ts_drag(ts_sim *sim, double *force);
-void ts_carry(const ts_sim *sim, double *Q);
+void ts_carry(const ts_model *m, const ts_inertia *inertia, const ts_bases *bases, double *Q);
 void ts_motors(const ts_sim *sim, double tau, const double *v, double *Q);
 void ts_drive_rates(const ts_sim *sim, double tau, const double *v, const double *a, double *p);
 void ts_drive_jacobian(ts_sim *sim, double tau);
-int ts_inputs_move(const ts_sim *sim);
+int ts_inputs_move(const ts_model *m, const ts_io *io);
 int ts_wound_up(const ts_sim *sim);
 
 #endif

@@ -52,13 +52,13 @@ ALWAYS_INLINE double string_stiffness(const ts_sim *sim, double tau, int i, cons
 }
 
 /* Explicit time derivative of a string's force through moved nodes that it hangs on. */
-ALWAYS_INLINE void moved_ends(const ts_sim *sim, int i, const double *Kq, const double *Kv, double *ft, const int D)
+ALWAYS_INLINE void moved_ends(const ts_model *m, const ts_bases *bases, int i, const double *Kq, const double *Kv, double *ft,
+                              const int D)
 {
-    const ts_model *m = &sim->m;
     for (int end = 0; end < 2; end++) {
         int mover = m->drive.mover[m->packed.strings[2 * i + end]];
         if (mover < 0) continue;
-        const double *v = sim->bases.now + (3 * mover + 1) * D, *a = v + D;
+        const double *v = bases->now + (3 * mover + 1) * D, *a = v + D;
         double sign = end ? 1.0 : -1.0;
         for (int r = 0; r < D; r++) ft[r] += sign * (dot(Kq + r * D, v, D) + dot(Kv + r * D, a, D));
     }
@@ -79,8 +79,8 @@ static void wind(ts_sim *sim, int i, double slope, const double *Kq, const doubl
     sim->linear.Jq[m->block.own_place[motor]] -= inv * slope;
     sim->linear.Jv[m->block.own_place[motor]] -= inv * damping;
     for (int k = 0; k < m->string.term_count[i]; k++) {
-        int row = D * D * ts_pattern_find(&sim->linear.pattern, motor, t[k].block),
-            column = D * D * ts_pattern_find(&sim->linear.pattern, t[k].block, motor);
+        int row = ts_pattern_place(&sim->linear.pattern, motor, t[k].block),
+            column = ts_pattern_place(&sim->linear.pattern, t[k].block, motor);
         TS_ASSERT(row >= 0 && column >= 0);
         double w = -t[k].kappa * inv, back = -t[k].kappa * sim->inertia.inverse[t[k].block];
         for (int d = 0; d < D; d++) {
@@ -101,7 +101,7 @@ ALWAYS_INLINE void add_strings(ts_sim *sim, double tau, const int exact, const i
         if (!sim->on.taut[i] || sim->state.clipped[i]) continue;
         double Kq[9], Kv[9], ft[3];
         double slope = string_stiffness(sim, tau, i, exact, Kq, Kv, ft, D);
-        if (m->count[TS_E]) moved_ends(sim, i, Kq, Kv, ft, D);
+        if (m->count[TS_E]) moved_ends(m, &sim->bases, i, Kq, Kv, ft, D);
         if (m->drive.winder[i] >= 0) wind(sim, i, slope, Kq, Kv, ft);
         const ts_term *t = m->string.term + 4 * i;
         const int32_t *place = m->string.term_place + 16 * i;
@@ -160,16 +160,16 @@ ALWAYS_INLINE void turn_rows(ts_sim *sim, const double *c, const double *cd, con
     for (int r = 0; r < D && !exact; r++) Aq[r * D + r] -= over * speed;
 }
 
-ALWAYS_INLINE void turn_columns(ts_sim *sim, const double *q, const int D)
+ALWAYS_INLINE void turn_columns(const ts_model *m, ts_linear *linear, const double *q, const int D)
 {
-    const ts_pattern *p = &sim->linear.pattern;
+    const ts_pattern *p = &linear->pattern;
     for (int i = 0; i < p->n; i++)
         for (int n = p->row[i]; n < p->row[i + 1]; n++) {
             int j = p->column[n];
-            if (!sim->m.block.turns[j]) continue;
+            if (!m->block.turns[j]) continue;
             double over = 1.0 / dot(q + j * D, q + j * D, D);
-            project_columns(sim->linear.Jq + n * D * D, q + j * D, over, D);
-            project_columns(sim->linear.Jv + n * D * D, q + j * D, over, D);
+            project_columns(linear->Jq + n * D * D, q + j * D, over, D);
+            project_columns(linear->Jv + n * D * D, q + j * D, over, D);
         }
 }
 
@@ -188,7 +188,7 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
     if (m->drive.any) ts_drive_jacobian(sim, tau);
     for (int b = 0; b < m->blocks; b++)
         if (m->block.turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->linear.work + b * D, b, exact, D);
-    if (!exact) turn_columns(sim, q, D);
+    if (!exact) turn_columns(m, &sim->linear, q, D);
 }
 
 /* Jq, Jv and ft = da/dt, where they are not at hand. */

@@ -4,7 +4,10 @@
 
 #include "fields.h"
 #include "linear/pairs.h"
+#include "model/data.h"
 #include "model/model.h"
+
+#include <math.h>
 
 /* Call body(..., D) with D known to the compiler. */
 #define DISPATCH(model, body, ...)                           \
@@ -24,6 +27,19 @@ ALWAYS_INLINE double dot(const double *a, const double *b, const int D)
 ALWAYS_INLINE double external_force(const ts_model *m, const double *inputs, int free, int d)
 {
     return inputs[m->at[TS_FORCE] + free * m->count[TS_D] + d];
+}
+
+/* Generalised external force, number i, at tau from the step's start (N). */
+ALWAYS_INLINE double load_at(const ts_loads *loads, int i, double tau)
+{
+    return loads->Q[i] + (loads->rate[i] + 0.5 * loads->bend[i] * tau) * tau;
+}
+
+/* Work or power of an input into the ledger p. */
+ALWAYS_INLINE void book(double *p, double done)
+{
+    p[1] += done;
+    p[2] += fabs(done);
 }
 
 /* String vector and its rate from the blocks. */

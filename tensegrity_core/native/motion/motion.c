@@ -24,6 +24,7 @@
 #include "motion/pieces.h"
 
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 
 /* Generalised force of the external forces, from inputs or from their derivatives. */
@@ -42,44 +43,51 @@ static void generalise(const ts_model *m, const double *inputs, double *Q)
     }
 }
 
+/* Is one of the numbers not 0?  All bits but the signs, several numbers at a time. */
 static int any(const double *x, int n)
 {
-    for (int i = 0; i < n; i++)
-        if (x[i] != 0.0) return 1;
-    return 0;
+    uint64_t found = 0, bits;
+    for (int i = 0; i < n; i++) {
+        memcpy(&bits, x + i, sizeof bits);
+        found |= bits << 1;
+    }
+    return found != 0;
 }
 
 /* Does an input have a derivative beyond the rate of a rest length? */
-int ts_sloped(const ts_sim *sim) { return any(sim->io.slopes, 2 * sim->io.n_inputs); }
+int ts_sloped(const ts_model *m, const ts_io *io) { return any(io->slopes, 2 * m->n_inputs); }
 
-static void prepare_forces(ts_sim *sim)
+static void prepare_forces(const ts_model *m, const ts_io *io, ts_loads *loads)
 {
-    const ts_model *m = &sim->m;
-    int carried = 0, sloped = ts_sloped(sim);
+    int carried = 0, sloped = ts_sloped(m, io);
     for (int e = 0; e < m->count[TS_E]; e++) carried |= m->drive.mover_bar[e] >= 0;
-    generalise(m, sim->io.values, sim->loads.Q);
-    sim->loads.move = 0;
+    generalise(m, io->values, loads->Q);
+    loads->move = 0;
     if (!sloped && !carried) return;
-    generalise(m, sim->io.slopes, sim->loads.rate);
-    generalise(m, sim->io.slopes + sim->io.n_inputs, sim->loads.bend);
-    sim->loads.move = carried || any(sim->loads.rate, m->nq) || any(sim->loads.bend, m->nq);
+    generalise(m, io->slopes, loads->rate);
+    generalise(m, io->slopes + m->n_inputs, loads->bend);
+    loads->move = carried || any(loads->rate, m->nq) || any(loads->bend, m->nq);
 }
 
-static void prepare_rest_lengths(ts_sim *sim)
+static void prepare_rest_lengths(const ts_model *m, const ts_io *io, ts_rest *rest)
 {
-    const ts_model *m = &sim->m;
-    int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE];
-    const double *first = sim->io.slopes, *second = first + sim->io.n_inputs;
-    sim->rest.moves = sim->rest.bends = 0;
+    const int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE];
+    const double *values = io->values, *first = io->slopes, *second = first + m->n_inputs;
+    int bends = 0, moves = 0;
     for (int i = 0; i < m->count[TS_S]; i++) {
-        sim->rest.length[i] = sim->io.values[length + i];
-        sim->rest.rate[i] = first[length + i] != 0.0 ? first[length + i] : sim->io.values[rate + i];
-        sim->rest.bend[i] = second[length + i] != 0.0 ? second[length + i] : first[rate + i];
-        sim->rest.jerk[i] = second[rate + i];
-        if (m->drive.winder[i] >= 0) sim->rest.rate[i] = sim->rest.bend[i] = sim->rest.jerk[i] = 0.0; /* the motor moves it */
-        sim->rest.bends |= sim->rest.bend[i] != 0.0 || sim->rest.jerk[i] != 0.0;
-        sim->rest.moves |= sim->rest.bends || sim->rest.rate[i] != 0.0;
+        int wound = m->drive.winder[i] >= 0; /* the motor moves it */
+        double speed = wound ? 0.0 : first[length + i] != 0.0 ? first[length + i] : values[rate + i];
+        double bend = wound ? 0.0 : second[length + i] != 0.0 ? second[length + i] : first[rate + i];
+        double jerk = wound ? 0.0 : second[rate + i];
+        bends |= bend != 0.0 || jerk != 0.0;
+        moves |= speed != 0.0;
+        rest->length[i] = values[length + i];
+        rest->rate[i] = speed;
+        rest->bend[i] = bend;
+        rest->jerk[i] = jerk;
     }
+    rest->bends = bends;
+    rest->moves = bends || moves;
 }
 
 /* External and gravity forces on the blocks and their inverse inertias at the step's start, and how inputs change. */
@@ -88,11 +96,11 @@ void ts_prepare(ts_sim *sim)
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
     ts_weigh(sim);
-    prepare_forces(sim);
+    prepare_forces(m, &sim->io, &sim->loads);
     memcpy(sim->loads.with_gravity, sim->loads.Q, sizeof(double) * (size_t)m->nq);
     for (int b = 0; b < m->blocks; b++)
         for (int d = 0; d < D; d++) sim->loads.with_gravity[b * D + d] += sim->inertia.laden[b] * sim->inertia.gravity[d];
-    prepare_rest_lengths(sim);
+    prepare_rest_lengths(m, &sim->io, &sim->rest);
     if (m->drive.any) ts_drive(sim);
 }
 
@@ -166,10 +174,12 @@ ALWAYS_INLINE pair between(const double *a0, const double *b0, const double *a1,
 
 /* String vectors, elongations, rates, and the tensions where force curves are straight, for two strings at a time: numbers
  * stay in registers until they are complete, which the processor would otherwise wait for. */
-ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const double *rest, const double *rest_rates, const int D)
+ALWAYS_INLINE void elongate(const ts_model *m, const ts_bearing *on, ts_strings *found, double tau, const double *rest,
+                            const double *rest_rates, const int D)
 {
-    const int lanes = sim->m.lanes;
-    const int32_t *ends = sim->m.string.ends;
+    const int lanes = m->lanes;
+    const int32_t *ends = m->string.ends;
+    const double *x = found->x;
     const pair least = pair_both(1e-150);
     for (int i = 0; i < lanes; i += 2) {
         const double *a0 = x + ends[2 * i], *b0 = x + ends[2 * i + 1], *a1 = x + ends[2 * i + 2], *b1 = x + ends[2 * i + 3];
@@ -177,8 +187,8 @@ ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const doub
         for (int d = 0; d < D; d++) {
             s[d] = between(a0, b0, a1, b1, d);
             pair sd = between(a0, b0, a1, b1, D + d);
-            pair_store(sim->strings.s + d * lanes + i, s[d]);
-            pair_store(sim->strings.sd + d * lanes + i, sd);
+            pair_store(found->s + d * lanes + i, s[d]);
+            pair_store(found->sd + d * lanes + i, sd);
             ss = d ? pair_add_product(ss, s[d], s[d]) : pair_multiply(s[d], s[d]);
             sv = d ? pair_add_product(sv, s[d], sd) : pair_multiply(s[d], sd);
         }
@@ -186,77 +196,73 @@ ALWAYS_INLINE void elongate(ts_sim *sim, double tau, const double *x, const doub
         pair per_length = pair_divide(pair_both(1.0), pair_larger(xi, least)),
              rate = pair_subtract(pair_multiply(sv, per_length), rest_rate);
         pair elongation = pair_subtract(xi, pair_add_product(pair_load(rest + i), rest_rate, pair_both(tau)));
-        pair low = pair_load(sim->strings.lowest + i), high = pair_load(sim->strings.highest + i);
-        pair_store(sim->strings.per_length + i, per_length);
-        pair_store(sim->strings.elongation + i, elongation);
-        pair_store(sim->strings.rate + i, rate);
-        pair_store(sim->strings.fs + i, pair_multiply(pair_load(sim->on.k + i), elongation));
-        pair_store(sim->strings.fd + i, pair_multiply(pair_load(sim->on.d + i), rate));
-        pair_store(sim->strings.lowest + i, pair_smaller(low, elongation));
-        pair_store(sim->strings.highest + i, pair_larger(high, elongation));
+        pair low = pair_load(found->lowest + i), high = pair_load(found->highest + i);
+        pair_store(found->per_length + i, per_length);
+        pair_store(found->elongation + i, elongation);
+        pair_store(found->rate + i, rate);
+        pair_store(found->fs + i, pair_multiply(pair_load(on->k + i), elongation));
+        pair_store(found->fd + i, pair_multiply(pair_load(on->d + i), rate));
+        pair_store(found->lowest + i, pair_smaller(low, elongation));
+        pair_store(found->highest + i, pair_larger(high, elongation));
     }
 }
 
 /* Elastic tension of the strings whose force curve is not straight. */
 static void curve_forces(ts_sim *sim)
 {
-    const ts_model *m = &sim->m;
-    for (int n = 0; n < m->string.curved_count; n++) {
-        int i = m->string.with_curve[n];
+    for (int n = 0; n < sim->m.string.curved_count; n++) {
+        int i = sim->m.string.with_curve[n];
         double slope;
-        double k = sim->io.values[m->at[TS_STIFFNESS] + i];
-        if (sim->state.piece[i])
-            sim->strings.fs[i] =
-                ts_curve_force(sim->laws.curve + i, sim->state.piece[i], sim->strings.elongation[i], k, &slope);
+        if (sim->state.piece[i]) sim->strings.fs[i] = elastic(sim, i, sim->strings.elongation[i], &slope);
     }
 }
 
 /* Damping tension of the strings that have a law for it. */
-static void damper_forces(ts_sim *sim)
+static void damper_forces(const ts_model *m, const ts_laws *laws, const ts_bearing *on, ts_strings *found)
 {
-    for (int n = 0; n < sim->m.string.damped_count; n++) {
-        int i = sim->m.string.with_damper[n];
+    for (int n = 0; n < m->string.damped_count; n++) {
+        int i = m->string.with_damper[n];
         double slope;
-        if (sim->on.taut[i]) sim->strings.fd[i] += ts_damping_law(&sim->laws, i, sim->strings.rate[i], &slope);
+        if (on->taut[i]) found->fd[i] += ts_damping_law(laws, i, found->rate[i], &slope);
     }
 }
 
 /* `tension_only`: a string whose damper outweighs its spring bears nothing. */
-static void clip(ts_sim *sim)
+static void clip(const ts_sim *sim, ts_strings *found)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         if (!sim->on.taut[i]) continue;
-        double T = sim->strings.fs[i] + sim->strings.fd[i], margin = sim->state.clipped[i] ? -T : T;
-        if ((T < 0.0) != (sim->state.clipped[i] != 0)) sim->strings.sign_changed[i] = 1;
-        if (margin < sim->strings.margin_low[i]) sim->strings.margin_low[i] = margin;
-        if (margin > sim->strings.margin_high[i]) sim->strings.margin_high[i] = margin;
-        if (sim->state.clipped[i]) sim->strings.fs[i] = sim->strings.fd[i] = 0.0;
+        int clipped = sim->state.clipped[i];
+        double T = found->fs[i] + found->fd[i], margin = clipped ? -T : T;
+        if ((T < 0.0) != (clipped != 0)) found->sign_changed[i] = 1;
+        if (margin < found->margin_low[i]) found->margin_low[i] = margin;
+        if (margin > found->margin_high[i]) found->margin_high[i] = margin;
+        if (clipped) found->fs[i] = found->fd[i] = 0.0;
     }
 }
 
 /* Analysis only: the law as one formula, without located transitions. */
 static void place_by_elongation(ts_sim *sim)
 {
+    ts_strings *found = &sim->strings;
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        double lost = 0.0;
-        if (sim->strings.elongation[i] < sim->on.lo[i] || sim->strings.elongation[i] > sim->on.hi[i])
-            ts_place(sim, i, ts_curve_walk(sim->laws.curve + i, sim->state.piece[i], sim->strings.elongation[i], 0.0, &lost));
-        sim->strings.fs[i] = sim->on.k[i] * sim->strings.elongation[i];
-        sim->strings.fd[i] = sim->on.d[i] * sim->strings.rate[i];
-        if (sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i]) {
-            double slope, f = elastic(sim, i, sim->strings.elongation[i], &slope) +
-                              ts_damping_law(&sim->laws, i, sim->strings.rate[i], &slope);
-            sim->state.clipped[i] = f + sim->strings.fd[i] < 0.0;
-        }
+        double lost = 0.0, slope, elongation = found->elongation[i], rate = found->rate[i];
+        if (elongation < sim->on.lo[i] || elongation > sim->on.hi[i])
+            ts_place(sim, i, ts_curve_walk(sim->laws.curve + i, sim->state.piece[i], elongation, 0.0, &lost));
+        found->fs[i] = sim->on.k[i] * elongation;
+        found->fd[i] = sim->on.d[i] * rate;
+        if (sim->m.damping_law != TS_TENSION_ONLY || !sim->on.taut[i]) continue;
+        double f = elastic(sim, i, elongation, &slope) + ts_damping_law(&sim->laws, i, rate, &slope);
+        sim->state.clipped[i] = f + found->fd[i] < 0.0;
     }
 }
 
 /* Rest lengths and their rates at tau. */
-static void bend_rest_lengths(ts_sim *sim, double tau)
+static void bend_rest_lengths(int strings, double tau, ts_rest *rest)
 {
-    for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        sim->rest.now[i] = ts_rest_length(&sim->rest, i, tau);
-        sim->rest.rate_now[i] = ts_rest_rate(&sim->rest, i, tau);
+    for (int i = 0; i < strings; i++) {
+        rest->now[i] = ts_rest_length(rest, i, tau);
+        rest->rate_now[i] = ts_rest_rate(rest, i, tau);
     }
 }
 
@@ -264,19 +270,20 @@ static void bend_rest_lengths(ts_sim *sim, double tau)
 ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const double *v, const int driven, const int D)
 {
     const ts_model *m = &sim->m;
-    if (driven) ts_move_bases(sim, tau);
+    ts_rest *rest = &sim->rest;
+    if (driven) ts_move_bases(m, tau, &sim->bases, sim->strings.x);
     spread(m, q, v, sim->strings.x, driven, D);
-    if (sim->rest.bends || (driven && m->count[TS_A])) {
-        bend_rest_lengths(sim, tau);
-        if (driven) ts_wind(sim, q);
-        elongate(sim, 0.0, sim->strings.x, sim->rest.now, sim->rest.rate_now, D);
+    if (rest->bends || (driven && m->count[TS_A])) {
+        bend_rest_lengths(m->count[TS_S], tau, rest);
+        if (driven) ts_wind(m, q, rest);
+        elongate(m, &sim->on, &sim->strings, 0.0, rest->now, rest->rate_now, D);
     } else {
-        elongate(sim, tau, sim->strings.x, sim->rest.length, sim->rest.rate, D);
+        elongate(m, &sim->on, &sim->strings, tau, rest->length, rest->rate, D);
     }
     if (sim->call.unlocated) place_by_elongation(sim);
     if (m->string.curved_count) curve_forces(sim);
-    if (m->string.damped_count) damper_forces(sim);
-    if (m->damping_law == TS_TENSION_ONLY) clip(sim);
+    if (m->string.damped_count) damper_forces(m, &sim->laws, &sim->on, &sim->strings);
+    if (m->damping_law == TS_TENSION_ONLY) clip(sim, &sim->strings);
 }
 
 /* Forces of the strings on the nodes. */
@@ -298,22 +305,15 @@ ALWAYS_INLINE void pull(const ts_model *m, const ts_strings *found, double *REST
 }
 
 /* Power of external forces that move; that of constant ones is a difference, see integrate.c. */
-static void external_power(const ts_sim *sim, double tau, const double *v, double *p)
+static void external_power(const ts_model *m, const ts_loads *loads, const ts_bases *bases, double tau, const double *v,
+                           double *p)
 {
-    for (int i = 0; i < sim->m.nq; i++) {
-        double power = (sim->loads.Q[i] + (sim->loads.rate[i] + 0.5 * sim->loads.bend[i] * tau) * tau) * v[i];
-        p[1] += power;
-        p[2] += fabs(power);
-    }
-    for (int e = 0; e < sim->m.count[TS_E]; e++) { /* on what a moved node carries along */
-        int D = sim->m.count[TS_D], bar = sim->m.drive.mover_bar[e], i = bar < 0 ? 0 : sim->m.bar.block[bar] * D;
-        const double *speed = sim->bases.now + (3 * e + 1) * D;
-        for (int d = 0; d < D && bar >= 0; d++) {
-            double power =
-                (sim->loads.Q[i + d] + (sim->loads.rate[i + d] + 0.5 * sim->loads.bend[i + d] * tau) * tau) * speed[d];
-            p[1] += power;
-            p[2] += fabs(power);
-        }
+    int D = m->count[TS_D];
+    for (int i = 0; i < m->nq; i++) book(p, load_at(loads, i, tau) * v[i]);
+    for (int e = 0; e < m->count[TS_E]; e++) { /* on what a moved node carries along */
+        int bar = m->drive.mover_bar[e];
+        for (int d = 0; d < D && bar >= 0; d++)
+            book(p, load_at(loads, m->bar.block[bar] * D + d, tau) * bases->now[(3 * e + 1) * D + d]);
     }
 }
 
@@ -335,12 +335,12 @@ ALWAYS_INLINE void ledger_rates(const ts_sim *sim, double tau, const double *v, 
     p[0] = (lost[0] + lost[1]) + (lost[2] + lost[3]);
     p[1] = (done[0] + done[1]) + (done[2] + done[3]);
     p[2] = p[0] + ((moved[0] + moved[1]) + (moved[2] + moved[3]));
-    if (sim->loads.move) external_power(sim, tau, v, p);
+    if (sim->loads.move) external_power(&sim->m, &sim->loads, &sim->bases, tau, v, p);
 }
 
-static void move_forces(const ts_sim *sim, double tau, double *Q)
+static void move_forces(const ts_loads *loads, int nq, double tau, double *Q)
 {
-    for (int i = 0; i < sim->m.nq; i++) Q[i] += (sim->loads.rate[i] + 0.5 * sim->loads.bend[i] * tau) * tau;
+    for (int i = 0; i < nq; i++) Q[i] += (loads->rate[i] + 0.5 * loads->bend[i] * tau) * tau;
 }
 
 /* Generalised forces on the blocks. */
@@ -364,8 +364,8 @@ ALWAYS_INLINE void gather(const ts_sim *sim, double tau, const double *force, do
         int n = m->node.lone[i], b = m->node.block[n] * D;
         for (int d = 0; d < D; d++) Q[b + d] = sim->loads.with_gravity[b + d] + force[n * D + d];
     }
-    if (sim->loads.move) move_forces(sim, tau, Q);
-    if (driven) ts_carry(sim, Q);
+    if (sim->loads.move) move_forces(&sim->loads, m->nq, tau, Q);
+    if (driven) ts_carry(m, &sim->inertia, &sim->bases, Q);
 }
 
 /* Accelerations of a bar vector c from its generalised force, in place. */
@@ -471,8 +471,8 @@ ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, 
     *elongation = xi - ts_rest_length(&sim->rest, i, tau);
     *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
     if (driven && m->drive.winder[i] >= 0) {
-        *elongation += ts_wound(sim, y, i);
-        *rate += ts_wound(sim, y + m->nq, i);
+        *elongation += ts_wound(m, y, i);
+        *rate += ts_wound(m, y + m->nq, i);
     }
 }
 
@@ -516,6 +516,17 @@ void ts_project_block(const ts_model *m, double *y, int block)
 }
 
 void ts_project(const ts_model *m, double *y) { DISPATCH(m, project_all, m, y); }
+
+/* Eight sums that do not wait for each other. */
+int ts_all_finite(const double *x, int n)
+{
+    double sum[8] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    int i = 0;
+    for (; i + 8 <= n; i += 8)
+        for (int l = 0; l < 8; l++) sum[l] += 0.0 * x[i + l];
+    for (; i < n; i++) sum[0] += 0.0 * x[i];
+    return ((sum[0] + sum[1]) + (sum[2] + sum[3])) + ((sum[4] + sum[5]) + (sum[6] + sum[7])) == 0.0;
+}
 
 /* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|), for two estimates at
  * once.  Norms of vectors, so that a rotated scene takes the same steps. */

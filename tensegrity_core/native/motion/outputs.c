@@ -12,11 +12,10 @@
 #include <string.h>
 
 /* Where a fixed node is, moved ones as the last evaluation had them. */
-static const double *fixed_at(const ts_sim *sim, int node)
+static const double *fixed_at(const ts_model *m, const ts_bases *bases, int node)
 {
-    const ts_model *m = &sim->m;
-    return m->drive.mover[node] < 0 ? m->node.anchor + node * m->count[TS_D]
-                                    : sim->bases.now + 3 * m->drive.mover[node] * m->count[TS_D];
+    int mover = m->drive.mover[node], D = m->count[TS_D];
+    return mover < 0 ? m->node.anchor + node * D : bases->now + 3 * mover * D;
 }
 
 /* The axes along which gravity acts: first and end. */
@@ -43,11 +42,11 @@ static double potential(const ts_sim *sim)
         for (int i = 0; i < m->bar.pinned_count; i++) {
             int bar = m->block.bar[m->bar.pinned[i].block];
             double mass = sim->io.values[m->at[TS_BAR_MASS] + bar] + sim->inertia.extra[m->bar.pinned[i].second];
-            sum += mass * fixed_at(sim, m->bar.pinned[i].first)[d];
+            sum += mass * fixed_at(m, &sim->bases, m->bar.pinned[i].first)[d];
         }
         for (int i = 0; i < m->count[TS_P]; i++)
             if (m->packed.fixed[m->packed.massed[i]])
-                sum += sim->inertia.extra[m->packed.massed[i]] * fixed_at(sim, m->packed.massed[i])[d];
+                sum += sim->inertia.extra[m->packed.massed[i]] * fixed_at(m, &sim->bases, m->packed.massed[i])[d];
         energy -= sim->inertia.gravity[d] * sum;
     }
     return energy;
@@ -117,12 +116,10 @@ ALWAYS_INLINE double kinetic(const ts_sim *sim, const int D)
 
 double ts_kinetic_energy(const ts_sim *sim) { return sim->m.count[TS_D] == 2 ? kinetic(sim, 2) : kinetic(sim, 3); }
 
-ALWAYS_INLINE void nodes(ts_sim *sim, const int D)
+ALWAYS_INLINE void nodes(const ts_model *m, const double *x, double *values, const int D)
 {
-    const ts_model *m = &sim->m;
-    double *position = sim->io.values + m->at[TS_POSITION], *velocity = sim->io.values + m->at[TS_VELOCITY];
-    for (int n = 0; n < m->count[TS_N]; n++) {
-        const double *x = sim->strings.x + 2 * D * n;
+    double *position = values + m->at[TS_POSITION], *velocity = values + m->at[TS_VELOCITY];
+    for (int n = 0; n < m->count[TS_N]; n++, x += 2 * D) {
         int free = m->node.free_index[n];
         for (int d = 0; d < D; d++) position[n * D + d] = x[d];
         for (int d = 0; d < D && free >= 0; d++) velocity[free * D + d] = x[D + d];
@@ -163,7 +160,7 @@ ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
     const ts_model *m = &sim->m;
     const axes falls = of_gravity(m);
     const double *mass = sim->io.values + m->at[TS_BAR_MASS];
-    const double *slopes = sim->io.slopes, *bends = slopes + sim->io.n_inputs;
+    const double *slopes = sim->io.slopes, *bends = slopes + sim->m.n_inputs;
     for (int n = 0; n < m->count[TS_N]; n++) {
         int f = m->node.free_index[n];
         if (f < 0) continue;
@@ -181,12 +178,11 @@ ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
 }
 
 /* Force of the ground at anchors; bars() overwrites it where a bar is pinned. */
-ALWAYS_INLINE void reactions(ts_sim *sim, const int D)
+ALWAYS_INLINE void reactions(const ts_model *m, const double *node_force, double *values, const int D)
 {
-    const ts_model *m = &sim->m;
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D && m->packed.fixed[n]; d++)
-            sim->io.values[m->at[TS_REACTION] + (-1 - m->node.free_index[n]) * D + d] = -sim->strings.node_force[n * D + d];
+            values[m->at[TS_REACTION] + (-1 - m->node.free_index[n]) * D + d] = -node_force[n * D + d];
 }
 
 /* Reactions of pinned bars, m c''/2 + m a_base - f_base - f_tip; then with them the axial forces (eq. 1):
@@ -219,9 +215,9 @@ static void drives(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     for (int a = 0; a < m->count[TS_A]; a++) {
-        double rate = ts_wound(sim, sim->state.y + m->nq, m->packed.wound[a]);
+        double rate = ts_wound(m, sim->state.y + m->nq, m->packed.wound[a]);
         sim->io.values[m->at[TS_WOUND_REST_LENGTH] + a] =
-            sim->rest.length[m->packed.wound[a]] - ts_wound(sim, sim->state.y, m->packed.wound[a]);
+            sim->rest.length[m->packed.wound[a]] - ts_wound(m, sim->state.y, m->packed.wound[a]);
         sim->io.values[m->at[TS_WOUND_REST_LENGTH_RATE] + a] = -rate;
         sim->io.values[m->at[TS_MOTOR_SPEED] + a] = rate / sim->io.values[m->at[TS_DRUM_RADIUS] + a];
     }
@@ -229,9 +225,9 @@ static void drives(ts_sim *sim)
 
 ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
 {
-    nodes(sim, D);
+    nodes(&sim->m, sim->strings.x, sim->io.values, D);
     loads(sim, tau, D);
-    reactions(sim, D);
+    reactions(&sim->m, sim->strings.node_force, sim->io.values, D);
     bars(sim, D);
     sim->io.values[sim->m.at[TS_KINETIC]] = kinetic(sim, D);
 }
@@ -259,8 +255,7 @@ void ts_outputs(ts_sim *sim, double tau)
 static void node_rates(const ts_sim *sim, const double *f, double *out)
 {
     const ts_model *m = &sim->m;
-    int D = m->count[TS_D], position = m->at[TS_POSITION] - sim->io.n_applied,
-        velocity = m->at[TS_VELOCITY] - sim->io.n_applied;
+    int D = m->count[TS_D], position = m->at[TS_POSITION] - sim->m.n_applied, velocity = m->at[TS_VELOCITY] - sim->m.n_applied;
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D; d++) {
             double v = 0.0, a = 0.0;
@@ -287,13 +282,13 @@ static void outputs_beside(ts_sim *sim, double tau, const double *y, const doubl
 static void add_differences(const ts_sim *sim, double clipped_rate, double *out)
 {
     const ts_model *m = &sim->m;
-    double *work = out + m->at[TS_INPUT_WORK] - sim->io.n_applied, *throughput = out + m->at[TS_THROUGHPUT] - sim->io.n_applied;
+    double *work = out + m->at[TS_INPUT_WORK] - sim->m.n_applied, *throughput = out + m->at[TS_THROUGHPUT] - sim->m.n_applied;
     for (int i = 0; i < m->nq && !sim->loads.move; i++) {
         double power = sim->loads.Q[i] * sim->state.y[m->nq + i];
         *work += power;
         *throughput += fabs(power);
     }
-    out[m->at[TS_DISSIPATED] - sim->io.n_applied] -= clipped_rate;
+    out[m->at[TS_DISSIPATED] - sim->m.n_applied] -= clipped_rate;
     *throughput += fabs(clipped_rate);
 }
 
@@ -302,7 +297,7 @@ static void add_differences(const ts_sim *sim, double clipped_rate, double *out)
 void ts_tangent_outputs(ts_sim *sim, double tau, double *out)
 {
     const double shift = 1e-7; /* s */
-    int first = sim->io.n_applied, count = sim->m.n_real - first, ny = sim->m.ny;
+    int first = sim->m.n_applied, count = sim->m.n_real - first, ny = sim->m.ny;
     double *y = sim->attempt.k, *f = sim->attempt.k + sim->m.stride;
     memcpy(y, sim->state.y, sizeof(double) * (size_t)ny);
     ts_rhs(sim, tau, y, f);

@@ -4,6 +4,7 @@
 #include "linear/pairs.h"
 #include "methods/method.h"
 #include "model/data.h"
+#include "motion/kinematics.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "steps/auto.h"
@@ -83,11 +84,7 @@ static void settle_ledger(ts_sim *sim, const ts_span *span, double theta)
 {
     int nq = sim->m.nq;
     double *ledger = sim->state.y + 2 * nq, clipped = span->clipped;
-    for (int i = 0; i < nq && !sim->loads.move; i++) {
-        double work = sim->loads.Q[i] * (sim->state.y[i] - sim->ahead.dense[i]);
-        ledger[1] += work;
-        ledger[2] += fabs(work);
-    }
+    for (int i = 0; i < nq && !sim->loads.move; i++) book(ledger, sim->loads.Q[i] * (sim->state.y[i] - sim->ahead.dense[i]));
     if (sim->m.damping_law != TS_TENSION_ONLY) return;
     clipped -= ts_clipped_energy(sim, span->start + theta * span->h);
     ledger[0] += clipped;
@@ -117,13 +114,6 @@ static void to_the_end(ts_sim *sim, const ts_span *span)
     }
     memcpy(sim->state.y, sim->ahead.y, sizeof(double) * (size_t)sim->m.ny);
     settle_ledger(sim, span, 1.0);
-}
-
-static int all_finite(const ts_sim *sim, const double *y)
-{
-    double sum = 0.0;
-    for (int i = 0; i < 2 * sim->m.nq; i++) sum += 0.0 * y[i];
-    return sum == 0.0;
 }
 
 /* Derivative at (tau, y) under the present pieces. */
@@ -184,7 +174,7 @@ static int close_span(ts_sim *sim, double tau)
     sim->linear.ready = 0;
     if (span.which >= 0) {
         state_at(sim, &span, span.reach);
-        if (!all_finite(sim, sim->state.y)) return BROKEN;
+        if (!ts_all_finite(sim->state.y, 2 * sim->m.nq)) return BROKEN;
         sim->memory.stats[TS_RESTARTS]++;
         ts_switch(sim, tau, span.which);
         restart(sim, tau);
@@ -322,7 +312,7 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     sim->attempt.growth = method->growth;
     sim->memory.choice.taken = 1.0;
     double err = method->attempt(sim, tau, h);
-    if (method->flags & TS_FIXED_STEP && !all_finite(sim, sim->ahead.y)) err = NAN;
+    if (method->flags & TS_FIXED_STEP && !ts_all_finite(sim->ahead.y, 2 * sim->m.nq)) err = NAN;
     if (!(err <= 1.0)) {
         memory->stats[TS_REJECTED]++;
         memory->h_next =
@@ -359,7 +349,8 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     sim->call.most = p.longest;
     if (!(memory->h_next > LEAST_STEP * end)) memory->h_next = 0.0; /* a call so much shorter says nothing of this one */
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
-    if (!all_finite(sim, sim->start.f)) return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
+    if (!ts_all_finite(sim->start.f, 2 * sim->m.nq))
+        return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     while (tau < end) {
         int last, stiff = memory->stiff;
         double err_last = memory->err_last;
