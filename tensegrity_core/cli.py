@@ -19,7 +19,7 @@ COMMANDS = {
     "check": Subcommand(f"{HERE}.check", "check a scene file and summarise its structure"),
     "simulate": Subcommand(f"{HERE}.simulate", "simulate a scene under constant forces"),
     "animate": Subcommand(f"{HERE}.simulate", "film a scene under constant forces as a GIF"),
-    "view": Subcommand(f"{HERE}.view", "write a web page in which a scene moves, and can be pulled"),
+    "view": Subcommand(f"{HERE}.view", "write a web page in which a structure moves, and can be pulled"),
     "build": Subcommand("fmu_src.build", "build FMUs and validate them against the reference"),
     "path": Subcommand(f"{HERE}.path", "follow steady states under a slow load, through snaps"),
     "modes": Subcommand(f"{HERE}.modes", "frequencies, damping and shapes of small motions"),

@@ -13,6 +13,8 @@ from ..model.inputs import INPUTS, starts
 from ..model.model import Model
 from ..quantities import number
 
+#: Begins the bytes of a model, and says their layout.
+MAGIC = b"TSMODEL2"
 #: Laws of beams in series by name; a law's place is its number in the kernel.
 SERIES_LAWS = ("single_valued", "hysteretic")
 
@@ -113,5 +115,5 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     start = _parameters(model, tolerance, max_step)
     doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]
     doubles += [start[field.name] for field in FIELDS if field.role != "output"]
-    body = b"TSMODEL2" + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
+    body = MAGIC + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
     return body + fnv1a(body).to_bytes(8, "little")

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import re
+import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fmu_src.packing.native_fmu import pack_native_fmu
 from tensegrity_core.cli import main
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
-from tensegrity_core.output.page import bundle, made, page, parts
+from tensegrity_core.output.export import write_result
+from tensegrity_core.output.page import bundle, made, model_of_fmu, page, parts, result_of_file
 from tensegrity_core.output.page.made import FILES, folder_of_parts
 from tensegrity_core.scene import builtin_scenes
 from tests.output.page_runs import differences, side_by_side
@@ -112,6 +115,73 @@ def test_the_command_writes_a_page_whole(tmp_path, monkeypatch, capsys):
     live, run = ((tmp_path / name).read_text(encoding="utf-8") for name in ("three_bar_nsh.html", "run.html"))
     assert "packed" in told(live) and "run" in told(run)
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["run.html", "three_bar_nsh.html"]
+
+
+@PAGE
+@pytest.mark.parametrize("kind", ["native", "python"])
+def test_the_page_of_an_fmu_is_that_of_its_scene(kind, native_fmus, fmus, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("two_bar_nsh", "six_bar_nsh"):
+        fmu = {"native": native_fmus, "python": fmus}[kind][name]
+        assert main(["view", str(fmu), "--output", "fmu.html"]) == 0
+        assert (tmp_path / "fmu.html").read_text(encoding="utf-8") == page(scene(name))
+
+
+@PAGE
+def test_flat_names_of_an_fmus_variables_are_understood(tmp_path):
+    model = scene("two_bar_nsh")
+    fmu = pack_native_fmu(model, tmp_path / "flat.fmu", naming="flat")
+    assert page(model_of_fmu(fmu)) == page(model)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_a_run_that_simulate_wrote_is_read_back(suffix, tmp_path):
+    model = scene("three_bar_nsh")
+    force = push(model)
+    result = simulate(model, held(model, grid(0.5, 0.01), force=lambda t: force))
+    write_result(model, result, tmp_path / f"run.{suffix}")
+    back = result_of_file(tmp_path / f"run.{suffix}", model)
+    np.testing.assert_array_equal(back.times, result.times)
+    for name, values in result.outputs.items():
+        np.testing.assert_array_equal(back.outputs[name], values, err_msg=name)
+    assert back.transitions == (result.transitions if suffix == "npz" else [])
+
+
+@PAGE
+def test_the_command_plays_a_run_back(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "two_bar", "--force", "n4.z=5", "--duration", "0.2", "--output", "run.csv"]) == 0
+    assert main(["view", "run.csv", "--scene", "two_bar"]) == 0
+    assert "run.html" in capsys.readouterr().out
+    run = told((tmp_path / "run.html").read_text(encoding="utf-8"))["run"]
+    assert run["instants"] == 21 and run["transitions"] is None
+
+
+def test_files_that_are_none_are_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("bad.fmu", "bad.npz"):
+        (tmp_path / name).write_text("no archive", encoding="utf-8")
+    (tmp_path / "bad.csv").write_text("time,n1.x\n0.0,what\n", encoding="utf-8")
+    (tmp_path / "few.csv").write_text("time,n1.x\n0.0,1.0\n", encoding="utf-8")
+    with zipfile.ZipFile(tmp_path / "other.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", "<fmiModelDescription/>")
+    cases = {
+        ("bad.fmu",): "bad.fmu",
+        ("none.fmu",): "none.fmu",
+        ("other.fmu",): "tensegrity build SCENE",
+        ("bad.csv", "--scene", "two_bar"): "bad.csv",
+        ("few.csv", "--scene", "two_bar"): "no column 'n1.z'",
+        ("few.csv",): "--scene SCENE",
+        ("bad.npz", "--scene", "two_bar"): "bad.npz",
+        ("few.csv", "--live", "--scene", "two_bar"): "--live",
+        ("two_bar", "--scene", "two_bar"): "leave it out",
+    }
+    before = sorted(tmp_path.iterdir())
+    for words, said in cases.items():
+        assert main(["view", *words]) == 2, words
+        shown = capsys.readouterr().err
+        assert len(shown.splitlines()) == 1 and said in shown, shown
+    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def page(model: Model, result: Result | None = None, force: np.ndarray | None = 
     told = _structure(model)
     if result is None:
         told["packed"] = packed(to_bytes(model))
-        told["force"] = [] if force is None else _flat_force(model, np.asarray(force)[None])[0].tolist()
+        told["force"] = [] if force is None or not np.any(force) else _flat_force(model, np.asarray(force)[None])[0].tolist()
     else:
         told["run"] = _run(model, result, force)
     fill = {
@@ -136,11 +136,12 @@ def _run(model: Model, result: Result, force: np.ndarray | None) -> dict[str, An
     )
     step = max(1, -(-rows.size // MOST_NUMBERS))
     kept = np.unique(np.append(np.arange(0, len(rows), step), len(rows) - 1))
+    events = [[t.time, t.string, t.before, t.after, t.loss] for t in result.transitions]
     told: dict[str, Any] = {
         "times": packed(result.times[kept].astype("<f8").tobytes()),
         "values": packed(rows[kept].astype("<f4").tobytes()),
         "snapped": packed(result.snapped[kept].astype("<f4").tobytes()),
-        "transitions": [[t.time, t.string, t.before, t.after, t.loss] for t in result.transitions],
+        "transitions": events if events or result.stats else None,  # a file may have kept neither
         "every": step,
         "instants": len(rows),
     }

@@ -11,8 +11,8 @@ export class Hand {
     Object.assign(this, { canvas, stage, structure, model, told });
     this.pulled = null;
     canvas.addEventListener("pointerdown", (event) => this.#down(event), { capture: true });
-    canvas.addEventListener("pointermove", (event) => this.#move(event));
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.#up(event, name));
+    window.addEventListener("pointermove", (event) => this.#move(event)); // also beside the picture, where a drag may end
+    for (const name of ["pointerup", "pointercancel"]) window.addEventListener(name, (event) => this.#up(event, name));
   }
 
   #place(event) {
@@ -47,6 +47,7 @@ export class Hand {
   #up(event, name) {
     const [x, y] = this.#place(event);
     const still = this.from && Math.hypot(x - this.from[0], y - this.from[1]) < CLICK && name === "pointerup";
+    if (!this.from) return;
     this.from = null;
     if (this.pulled?.pointer === event.pointerId) {
       this.pulled = null;

@@ -24,6 +24,7 @@ const WORK = 14; // ms of simulation in a frame, at most
 const SLOWEST = 0.1; // s that one frame may stand for
 const LEDGER = 0.01; // share of the energy that has passed, by which a run may miss the balance
 const TEXT_EVERY = 100; // ms
+const PERSISTENT = 15; // frames beyond the end of a scale that stretch it
 
 class App {
   constructor(model, live, record) {
@@ -36,7 +37,9 @@ class App {
     this.show = { forces: true, reactions: false };
     this.chosen = null;
     this.stale = true;
-    this.spent = []; // ms of the last frames
+    this.push = 0; // the largest force so far, N
+    this.spent = []; // ms of work in the last frames
+    this.intervals = []; // ms between them
     this.honeycombs = new Honeycombs(model.honeycombs);
     this.followed = -1;
     const canvas = document.getElementById("stage");
@@ -112,7 +115,7 @@ class App {
     this.time = this.record.start;
     this.followed = -1;
     this.warned = false;
-    this.structure.largest = 0;
+    this.structure.largest = this.push = 0;
     this.#scale();
     this.panel.sync();
     this.say("");
@@ -159,15 +162,23 @@ class App {
     }
   }
 
-  // The ends of the scales of tensions and of arrows: of all frames of a run, of those so far while it goes on.
+  // The ends of the scales of tensions and of arrows, after more frames: blows that pass in a moment do not stretch them.
   #scale(frames = this.record.frames) {
-    const largest = frames.reduce((most, frame) => Math.max(most, ...this.model.of(frame, "string_force")), 0);
-    if (roundUp(largest) > this.structure.largest) {
-      this.structure.largest = roundUp(largest);
+    const { model, structure } = this;
+    const tensions = frames.map((frame) => Math.max(0, ...model.of(frame, "string_force")));
+    if (!structure.largest) this.over = [];
+    this.over.push(...tensions.filter((tension) => tension > structure.largest));
+    if (!structure.largest || this.over.length > PERSISTENT) {
+      const sorted = this.over.sort((one, other) => one - other);
+      structure.largest = Math.max(structure.largest, roundUp(sorted[Math.floor(0.95 * (sorted.length - 1))] ?? 0));
+      this.over = [];
       this.legend.draw();
     }
-    const weight = Math.max(1e-9, this.structure.largest);
-    this.arrowScale = (0.3 * this.model.size) / weight;
+    const count = model.axes.length;
+    for (const { force } of frames) {
+      for (let i = 0; force && i < force.length; i += count) this.push = Math.max(this.push, Math.hypot(...force.subarray(i, i + count)));
+    }
+    this.arrowScale = (0.28 * model.size) / Math.max(this.push, 0.5 * structure.largest);
   }
 
   tick(now) {
@@ -242,6 +253,8 @@ class App {
   interval(now) {
     const passed = now - (this.drawn ?? now);
     this.drawn = now;
+    this.intervals.push(passed);
+    if (this.intervals.length > 240) this.intervals.shift();
     return passed > 0 && passed < 500 ? passed : 0;
   }
 
@@ -273,7 +286,7 @@ async function begin() {
   window.tensegrity = app; // for tests, and for whoever looks behind the page
   document.documentElement.dataset.ready = "yes";
   requestAnimationFrame((now) => app.tick(now));
-  if (live && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) app.play(true);
+  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches) app.play(true);
 }
 
 begin().catch((error) => {

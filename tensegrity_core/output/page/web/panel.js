@@ -26,6 +26,8 @@ export class Panel {
     } else {
       for (const name of ["change", "method"]) this.parts[name].hidden = true;
     }
+    const { run } = this.model;
+    if (run?.every > 1) this.work.textContent = `shown: one in ${run.every} of the run's ${run.instants} instants`;
     this.choose(null);
   }
 
@@ -219,6 +221,7 @@ export class Panel {
     this.listed = key;
     const rows = transitions.slice(Math.max(0, last - 6), last).reverse();
     const items = rows.map((one) => element("li", {}, element("time", {}, `${one.time.toFixed(3)} s`), " ", element("b", {}, this.model.stringNames[one.string]), " ", says(one)));
-    this.parts.events.replaceChildren(...(items.length ? items : [element("li", { class: "quiet" }, "none yet")]));
+    const none = this.app.record.told === false ? "the file of the run has none" : "none yet";
+    this.parts.events.replaceChildren(...(items.length ? items : [element("li", { class: "quiet" }, none)]));
   }
 }

@@ -16,6 +16,7 @@ export async function playback(model, run) {
   times.forEach((time, row) => {
     record.add({ time, values: part(values, row), snapped: part(snapped, row), force: force && part(force, row) });
   });
-  record.transitions = run.transitions.map(([time, string, before, after, loss]) => ({ time, string, before, after, loss }));
+  record.told = run.transitions !== null; // whether the file of the run had transitions
+  record.transitions = (run.transitions ?? []).map(([time, string, before, after, loss]) => ({ time, string, before, after, loss }));
   return record;
 }

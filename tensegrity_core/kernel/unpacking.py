@@ -1,0 +1,139 @@
+"""A model out of the bytes that `packing.to_bytes` made of it, as they stand in FMUs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, size
+from ..model.elements import KINDS, Element, Parallel, Series
+from ..model.model import NSH, Actuator, Model
+from .packing import MAGIC, SERIES_LAWS, fnv1a
+
+#: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs.
+_HEADER = len(COUNTS) + 5
+
+
+def counts_of(packed: bytes) -> dict[str, int]:
+    """The counts of a packed model, by the letters of fields.COUNTS.  Raises InputError where these are not its bytes."""
+    if len(packed) < 16 + 4 * _HEADER or packed[:8] != MAGIC or fnv1a(packed[:-8]) != int.from_bytes(packed[-8:], "little"):
+        raise InputError("the packed model is damaged or of another version; build it anew")
+    return dict(zip(COUNTS, np.frombuffer(packed, "<i4", len(COUNTS), 8).tolist()))
+
+
+def from_bytes(
+    packed: bytes,
+    nodes: Sequence[str],
+    bars: Sequence[str],
+    strings: Sequence[str],
+    axes: Sequence[int],
+    name: str = "model",
+    description: str = "",
+) -> Model:
+    """The model whose packed bytes these are.
+
+    What is not packed is given: names of components, and the coordinate axes, 0 to 2, that the scene uses; coordinates along
+    another axis are zero.  Raises InputError for other bytes.
+    """
+    counts, head = counts_of(packed), np.frombuffer(packed, "<i4", _HEADER, 8).tolist()
+    given = {"N": len(nodes), "B": len(bars), "S": len(strings), "D": len(axes)}
+    if any(counts[letter] != count for letter, count in given.items()):
+        raise InputError(f"the packed model has {', '.join(f'{counts[k]} {k}' for k in given)}, not the names that are given")
+    ints = _Ints(packed, 8 + 4 * _HEADER)
+    N, B, S, D = (counts[letter] for letter in "NBSD")
+    fixed, ends, held = ints.take(N).astype(bool), ints.take(2 * B).reshape(-1, 2), ints.take(2 * S).reshape(-1, 2)
+    beams, laws = ints.take(S).tolist(), ints.take(S).tolist()
+    elements, dampers = ints.take(2 * S).reshape(-1, 2).tolist(), ints.take(2 * S).reshape(-1, 2).tolist()
+    massive, slowed, moving, wound = (ints.take(counts[letter]).tolist() for letter in "PREA")
+    program = ints.take(head[-2]).tolist()
+    ints.at += -(ints.at - 8) % 8
+    doubles = np.frombuffer(packed, "<f8", (len(packed) - 8 - ints.at) // 8, ints.at)
+    parts = iter(doubles.tolist())
+    coordinates, velocity = (np.zeros((N, 3)) for _ in range(2))
+    for array in (coordinates, velocity):
+        array[:, list(axes)] = _take(parts, N * D).reshape(N, D)
+    numbers = _take(parts, head[-1]).tolist()
+    start = {field.name: _take(parts, size(field, counts)) for field in FIELDS if field.role != "output"}
+    springs = {"Q": iter(start["nsh_Q"].tolist()), "zeta": iter(start["nsh_zeta"].tolist()), "h": iter(start["nsh_h"].tolist())}
+    nsh = [
+        NSH(**{key: tuple(islice(values, count)) for key, values in springs.items()}, law=SERIES_LAWS[law]) if count else None
+        for count, law in zip(beams, laws)
+    ]
+    motors = zip(*(start[key].tolist() for key in ("motor_inertia", "motor_damping", "torque_constant", "drum_radius")))
+    actuators = dict(zip(wound, (Actuator(*motor) for motor in motors)))
+    gravity = start["gravity"].tolist()
+    vector = np.zeros(3)
+    vector[list(axes)] = gravity if len(gravity) > 1 else 0.0
+    return Model(
+        name=name,
+        description=description,
+        axes=tuple(axes),
+        node_names=tuple(nodes),
+        bar_names=tuple(bars),
+        string_names=tuple(strings),
+        nodes=coordinates,
+        fixed=fixed,
+        bars=ends,
+        bar_mass=start["bar_mass"],
+        strings=held,
+        stiffness=start["stiffness"],
+        damping=start["damping"],
+        rest_length=start["rest_length"],
+        nsh=tuple(nsh),
+        damping_law=DAMPING_LAWS[head[len(COUNTS)]],
+        gravity=gravity[0] if len(gravity) == 1 else (vector[0], vector[1], vector[2]),
+        nominal=coordinates,
+        velocity=velocity,
+        element=tuple(_law(program, numbers, *place) for place in elements),
+        damper=tuple(_law(program, numbers, *place) for place in dampers),
+        actuator=tuple(actuators.get(string) for string in range(S)),
+        current=start["current"],
+        drum_load=start["drum_load"],
+        point_mass=tuple(zip(massive, start["point_mass"].tolist())),
+        drag=tuple(zip(slowed, start["drag"].tolist())),
+        moving=tuple(moving),
+    )
+
+
+class _Ints:
+    """Reads int32 in turn; at: offset in bytes."""
+
+    def __init__(self, packed: bytes, at: int):
+        self.packed, self.at = packed, at
+
+    def take(self, count: int) -> np.ndarray:
+        found = np.frombuffer(self.packed, "<i4", count, self.at)
+        self.at += 4 * count
+        return found
+
+
+def _take(values: Iterator[float], count: int) -> np.ndarray:
+    return np.array(list(islice(values, count)), dtype=float)
+
+
+def _law(ints: list[int], doubles: list[float], first: int, number: int) -> Any:
+    """The law whose program begins there; see `packing._Programs`."""
+    if first < 0:
+        return None
+    return _part(iter(ints[first:]), iter(doubles[number:]))
+
+
+def _part(ints: Iterator[int], doubles: Iterator[float]) -> Element:
+    kind = KINDS[ELEMENTS[next(ints)]]
+    if kind in (Parallel, Series):
+        count = next(ints)
+        options = {"law": SERIES_LAWS[next(ints)]} if kind is Series else {}
+        return kind(tuple(_part(ints, doubles) for _ in range(count)), **options)
+    fields = dataclasses.fields(kind)
+    lists = [field for field in fields if field.type == "tuple[float, ...]"]
+    length = next(ints) if lists else 0
+    values = {field.name: field.metadata["choices"][next(ints)] for field in fields if "choices" in field.metadata}
+    for field in fields:
+        if field.name not in values:
+            values[field.name] = tuple(islice(doubles, length)) if field in lists else next(doubles)
+    return kind(**values)
