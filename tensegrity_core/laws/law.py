@@ -115,9 +115,7 @@ class Law:
 
         Raises InputError for a negative force, and for one that the law never bears; beyond a stop k is needed.
         """
-        force = number("force", force)
-        if not (math.isfinite(force) and force >= 0.0):
-            raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
+        force = bearable(force)
         if force == 0.0:
             return 0.0
         for one in self.monotone:
@@ -159,6 +157,14 @@ class Law:
             k = self.k or 0.0
             return self.end_force + k * (x - self.end), k, 0.0
         return self.pieces[piece - 1].curve.value(x)
+
+
+def bearable(force: float) -> float:
+    """A force, N.  Raises InputError for one that no string bears."""
+    force = number("force", force)
+    if not (math.isfinite(force) and force >= 0.0):
+        raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
+    return force
 
 
 def _merged(pieces: list[Piece]) -> tuple[Piece, ...]:

@@ -103,7 +103,7 @@ def bracketed_newton(excess, low: float, high: float, start: float, negligible: 
     """Root of a rising function between low and high, by Newton steps that are halved where they leave the bracket.
 
     excess(x): value and slope; start: the first x; negligible: a value that is 0 but for round-off.  SciPy's `brentq` reaches
-    the same digits with two to three times as many values, each of which may stand for a whole series.
+    the same digits with 4.5 to 5 times as many values (series of 4 and of 20 beams), each of which may stand for a series.
     """
     x, ends = start, (low, high)
     for _ in range(200):

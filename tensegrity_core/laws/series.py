@@ -52,15 +52,9 @@ class Snaps:
 
     def _rise(self, moving: list[int], force: float) -> None:
         held = [i for i in range(len(self.parts)) if i not in moving]
-        chains = rise(
-            [self._piece(i) for i in moving],
-            self.force,
-            force,
-            math.fsum(self.u[i] for i in held),
-            math.fsum(self._energy(i) for i in held),
-        )
-        curve = RiseCurve(chains)
-        snapped = sum(self._snapped(i) for i in range(len(self.parts)))
+        still, base, snapped = self._sums(held)
+        curve = RiseCurve(rise([self._piece(i) for i in moving], self.force, force, still, base))
+        snapped += sum(self._piece(i).snapped for i in moving)
         self._add([Piece(curve, self.x, curve.upper, self.force, force, snapped)])
         if force < math.inf:
             for i, u in zip(moving, curve.displacements(curve.upper)):
@@ -71,16 +65,10 @@ class Snaps:
         """Part i goes along its own curve until it bears the force again on a rising piece."""
         part, first = self.parts[i], self.at[i] + (self._piece(i).sign > 0)
         others = [j for j in range(len(self.parts)) if j != i]
-        held, base = math.fsum(self.u[j] for j in others), math.fsum(self._energy(j) for j in others)
-        counted = sum(self._snapped(j) for j in others)
-        last = next(
-            (
-                n
-                for n in range(first, len(part.monotone))
-                if part.monotone[n].sign > 0 and part.monotone[n].last >= self.force * (1.0 - TIE)
-            ),
-            None,
-        )
+        held, base, counted = self._sums(others)
+        enough = self.force * (1.0 - TIE)
+        bearing = (n for n, one in enumerate(part.monotone) if n >= first and one.sign > 0 and one.last >= enough)
+        last = next(bearing, None)
         if last is None:
             raise InputError(
                 f"series: part {i + 1} never bears its force maximum of {self.force!r} N again, so that no single "
@@ -110,9 +98,8 @@ class Snaps:
             self.pieces.append(one)
         self.x = way[-1].end
 
-    def _energy(self, i: int) -> float:
-        on = self.parts[i].monotone[min(self.at[i], len(self.parts[i].monotone) - 1)]
-        return on.curve.energy(self.u[i])
-
-    def _snapped(self, i: int) -> int:
-        return self.parts[i].monotone[min(self.at[i], len(self.parts[i].monotone) - 1)].snapped
+    def _sums(self, held: list[int]) -> tuple[float, float, int]:
+        """Displacement (m), energy (J) and snapped parts of parts that are held."""
+        on = [self.parts[i].monotone[min(self.at[i], len(self.parts[i].monotone) - 1)] for i in held]
+        energy = math.fsum(one.curve.energy(self.u[i]) for one, i in zip(on, held))
+        return math.fsum(self.u[i] for i in held), energy, sum(one.snapped for one in on)

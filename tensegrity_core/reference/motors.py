@@ -8,12 +8,11 @@ Energy: J_a delta'^2 / 2 is stored, k_a i delta' put in, d_a delta'^2 lost; r T 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ..model import Actuator, Model
+from ..model import Model
 
 
 class Motors(NamedTuple):
@@ -53,21 +52,3 @@ def lost_power(motors: Motors, speed):
 def kinetic_energy(motors: Motors, speed) -> float:
     """Sum of J_a delta'^2 / 2, J."""
     return 0.5 * float(np.sum(motors.inertia * speed * speed))
-
-
-def held_step(motor: Actuator, current: float, tension: float, delta: float, speed: float, h: float) -> tuple[float, float]:
-    """Angle (rad) and speed (rad/s) of an actuator by itself, after the time h >= 0 (s) under a held current (A) and tension
-    (N), from those before: the exact solution of eq. 8, for any damping."""
-    z = motor.damping * h / motor.inertia
-    push = (motor.torque_constant * current - motor.radius * tension) / motor.inertia
-    first, second = _phi(z)
-    return delta + h * (first * speed + h * second * push), math.exp(-z) * speed + h * first * push
-
-
-def _phi(z: float) -> tuple[float, float]:
-    """(1 - exp(-z)) / z and (exp(-z) - 1 + z) / z^2 for z >= 0, by their series where the differences would cancel."""
-    if z >= 1.0:
-        first = -math.expm1(-z) / z
-        return first, (1.0 - first) / z
-    second = sum((-z) ** n / math.factorial(n + 2) for n in range(18))
-    return 1.0 - z * second, second

@@ -30,26 +30,11 @@ from ..model import Inputs, Model, Result, Transition
 from ..model.components import full_shape
 from ..model.inputs import INPUTS, carried
 from ..quantities import number
+from . import instant
 from .equations import diagonal, string_motion
-from .instant import (
-    Mode,
-    Strings,
-    drift,
-    elastic_energy,
-    fastest_rate,
-    gaps,
-    kinetic_energy,
-    load_of,
-    mode_of,
-    motion_at,
-    on_constraints,
-    potential_energy,
-    powers,
-    rest_lengths,
-    strings_at,
-)
+from .instant import Mode, Strings, gaps, mode_of, motion_at, strings_at
 from .moved import jumped, path
-from .structure import structure
+from .structure import Structure
 
 
 class _Method(NamedTuple):
@@ -115,8 +100,8 @@ class _Run:
     input work, dissipated, throughput."""
 
     def __init__(self, model: Model, inputs: Inputs, rtol: float, atol: float, method: str):
-        self.s = structure(model)
-        self.method = METHODS[("Radau" if fastest_rate(self.s) > STIFF else "DOP853") if method == "auto" else method]
+        self.s = Structure(model)
+        self.method = METHODS[("Radau" if instant.fastest_rate(self.s) > STIFF else "DOP853") if method == "auto" else method]
         self.inputs, self.rtol = inputs, rtol * self.method.scale
         self.free = model.free_nodes
         n, self.of_nodes = len(model.nodes), 6 * len(self.free)
@@ -134,7 +119,7 @@ class _Run:
         self.stats = {"evaluations": 0, "steps": 0, "restarts": 0}
         self.step_hint = FIRST_STEP
         self.steps_since_row = 0
-        self.load = load_of(self.s, inputs, 0)
+        self.load = instant.load_of(self.s, inputs, 0)
 
     # State and right-hand side.
 
@@ -161,7 +146,7 @@ class _Run:
 
     def projected(self, t, y):
         """y with N and Ndot on the bars' constraints."""
-        return self.pack(*on_constraints(self.s, *self.unpack(t, y)), y[self.of_nodes :])
+        return self.pack(*instant.on_constraints(self.s, *self.unpack(t, y)), y[self.of_nodes :])
 
     def derivative(self, mode: Mode):
         """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""
@@ -176,7 +161,7 @@ class _Run:
             Xdot[:, :count], Xdot[:, count:] = y[: self.of_nodes].reshape(3, -1)[:, count:], motion.Nddot.dot(select)
             if len(motion.winding):
                 found[self.of_nodes : -3] = np.concatenate((winding[1], motion.winding))
-            found[-3:] = powers(self.s, load, motion, Ndot, winding)
+            found[-3:] = instant.powers(self.s, load, motion, Ndot, winding)
             return found
 
         return ydot
@@ -211,10 +196,10 @@ class _Run:
 
     def energy(self, t, y, mode: Mode) -> float:
         """What inputs can change at once: the strings' energy and, with moved nodes, that of bars and point masses, J."""
-        stored = elastic_energy(self.s, self.strings(t, y, mode).elongation, mode.branches)
+        stored = instant.elastic_energy(self.s, self.strings(t, y, mode).elongation, mode.branches)
         if len(self.s.moved.nodes):
             N, Ndot = self.unpack(t, y)
-            stored += kinetic_energy(self.s, Ndot, self.winding(y)) + potential_energy(self.s, N)
+            stored += instant.kinetic_energy(self.s, Ndot, self.winding(y)) + instant.potential_energy(self.s, N)
         return stored
 
     # Inputs.
@@ -232,7 +217,7 @@ class _Run:
         t = float(self.inputs.times[k])
         before = self.energy(t, y, mode)
         (N, Ndot), (position, velocity) = self.unpack(t, y), self.moved(t)
-        self.load = load_of(self.s, self.inputs, k)
+        self.load = instant.load_of(self.s, self.inputs, k)
         y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes :])
         settled, losses = self._settled(t, y, mode)
         jump = self.energy(t, y, settled) - before
@@ -309,7 +294,7 @@ class _Run:
                 pending, [solver.dense_output()] if self._has_row(pending, solver.t) else [], solver.t, solver.y, mode
             )
             self._require_rope(t, solver.t, solver.y)
-            deviation = drift(self.s, *self.unpack(solver.t, solver.y))
+            deviation = instant.drift(self.s, *self.unpack(solver.t, solver.y))
             if not deviation <= BROKEN:
                 raise self._failure(solver.t, f"a bar's length or rate has gone wrong by {deviation!r}")
             if deviation > DRIFT:
@@ -369,7 +354,7 @@ class _Run:
     def _require_rope(self, before: float, t: float, y) -> None:
         """Raises SimulationError where an actuator has wound all of its string; before: the last time at which it had not."""
         strings = self.s.motors.strings
-        left = rest_lengths(self.s, self.load, t, self.winding(y))[0][strings] if len(strings) else np.ones(1)
+        left = instant.rest_lengths(self.s, self.load, t, self.winding(y))[0][strings] if len(strings) else np.ones(1)
         if left.min() <= 0.0:
             name = self.s.model.string_names[strings[int(np.argmin(left))]]
             raise SimulationError(
@@ -528,12 +513,12 @@ class _Run:
                 string_length=strings.xi,
                 bar_force=-motion.lam * model.bar_length,
                 reaction=motion.ground.T,
-                wound_rest_length=rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
+                wound_rest_length=instant.rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
                 wound_rest_length_rate=-s.motors.radius * winding[1],
                 motor_speed=winding[1],
-                kinetic=kinetic_energy(s, Ndot, winding),
-                potential=potential_energy(s, N),
-                elastic=elastic_energy(s, strings.elongation, mode.branches),
+                kinetic=instant.kinetic_energy(s, Ndot, winding),
+                potential=instant.potential_energy(s, N),
+                elastic=instant.elastic_energy(s, strings.elongation, mode.branches),
                 input_work=y[-3],
                 dissipated=y[-2],
                 throughput=y[-1],

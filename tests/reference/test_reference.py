@@ -149,7 +149,7 @@ def test_matrix_form_agrees_with_per_bar_equations(model, seed):
         tensions.append(T)
     acceleration, ground = per_bar_accelerations(model, N, V, end_forces)
 
-    structure = structures.structure(model)
+    structure = structures.Structure(model)
     load = instant.Load(0.0, force.T, model.rest_length, rates)
     mode = taut_mode(structure, np.array(lengths) - model.rest_length)
     motion = instant.motion_at(structure, load, mode, 0.0, N.T, V.T)
@@ -387,13 +387,13 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match="increasing times"):
         reference.simulate(model, replace(good, times=np.array([0.0, 0.0, 0.1])))
     with pytest.raises(InputError, match="node 'n2' belongs to two bars"):
-        structures.structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
+        structures.Structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
     with pytest.raises(InputError, match="bar 'b1' has both ends fixed"):
-        structures.structure(replace(model, fixed=[False, True, True]))
+        structures.Structure(replace(model, fixed=[False, True, True]))
     with pytest.raises(InputError, match="free node 'n1' belongs to no bar"):
-        structures.structure(replace(model, fixed=[False, False, False]))
+        structures.Structure(replace(model, fixed=[False, False, False]))
     with pytest.raises(InputError, match="damping_law = 'viscous'"):
-        structures.structure(replace(model, damping_law="viscous"))
+        structures.Structure(replace(model, damping_law="viscous"))
 
 
 def test_hopeless_run_is_a_simulation_error():

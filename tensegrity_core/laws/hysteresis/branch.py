@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ...quantities import number
 from ..chains import RiseCurve
+from ..law import bearable
 from .transitions import MAX_EVENTS, beyond, follow
 
 if TYPE_CHECKING:
@@ -22,26 +23,15 @@ class Branch:
     """A stable branch; frozen.  Branches of equal elements and stiffnesses are equal where they are the same family of states.
 
     at: the piece of each part (one past the last: at its stop); lead: the part that does not rise, or None;
-    folds: whether the lower and the upper end are folds; low, high: N, forces between which the parts' pieces overlap;
+    folds: whether the lower and the upper end are folds; low, high: `reach`, N, forces between which the parts' pieces overlap;
     loosens: whether T falls to 0 on it; lower, upper: elongations at its ends, m; taut: False if slack.
     """
 
-    def __init__(
-        self,
-        memory: Memory,
-        at: tuple[int, ...],
-        number: int,
-        lead: int | None,
-        chains,
-        folds,
-        loosens: bool,
-        low: float = 0.0,
-        high: float = 0.0,
-    ):
-        self.low, self.high = low, high
-        self.memory, self.at, self.number, self.lead = memory, at, number, lead
-        self.taut = bool(chains)
-        self.folds, self.loosens = folds or (False, False), loosens
+    def __init__(self, memory: Memory, at, number=0, lead=None, chains=(), folds=None, loosens=False, reach=(0, 0)):
+        self.memory, self.at, self.number = memory, at, number
+        self.lead: int | None = lead
+        self.taut, self.folds, self.loosens, (self.low, self.high) = bool(chains), folds or (False, False), loosens, reach
+        self._next: dict[int, tuple[Branch, float]] = {}  # by way
         if self.taut:
             self.curve = RiseCurve(chains)
             self.lower, self.upper = self.curve.lower, self.curve.upper
@@ -99,10 +89,7 @@ class Branch:
 
         Raises InputError for a negative force and for one that the element never bears.
         """
-        force = number("force", force)
-        if not (math.isfinite(force) and force >= 0.0):
-            raise InputError(f"force = {force!r} N: a string bears no such force; use a finite force >= 0")
-        branch, passed = self, 0
+        force, branch, passed = bearable(force), self, 0
         while force > 0.0:
             branch, passed = branch.above()[0], passed + 1
             if branch.lead is None and branch.low <= force <= branch.high:
@@ -138,19 +125,16 @@ class Branch:
 
     def above(self) -> tuple[Branch, float]:
         """The branch that follows the upper end while x increases, and the energy lost in changing to it, J."""
-        return self._above
+        return self._beyond(1)
 
     def below(self) -> tuple[Branch, float]:
         """The branch that follows the lower end while x decreases, and the energy lost in changing to it, J."""
-        return self._below
+        return self._beyond(-1)
 
-    @cached_property
-    def _above(self):
-        return beyond(self, 1)
-
-    @cached_property
-    def _below(self):
-        return beyond(self, -1)
+    def _beyond(self, way: int) -> tuple[Branch, float]:
+        if way not in self._next:
+            self._next[way] = beyond(self, way)
+        return self._next[way]
 
     def _value(self, x: float) -> tuple[float, float, float]:
         if not self.taut:

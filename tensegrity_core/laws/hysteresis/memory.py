@@ -55,7 +55,7 @@ class Memory:
 
     def slack(self, at: tuple[int, ...]) -> Branch:
         """The slack branch on which each part rests on a piece."""
-        return self._kept(("slack", *at), lambda: (Branch(self, at, 0, None, (), (), False),))[0]
+        return self._kept(("slack", *at), lambda: (Branch(self, at),))[0]
 
     def branches(self, at: tuple[int, ...]) -> tuple[Branch, ...]:
         """The stable taut branches of these pieces, in order of the leading part's displacement; none, one or more."""
@@ -102,14 +102,14 @@ def _stable(m: Memory, at: tuple[int, ...]) -> tuple[Branch, ...]:
     if len(leads) > 1 or low > high + tie or (not leads and low >= high):
         return ()
     if not leads:
-        return (Branch(m, at, 0, None, rise(moving, low, high, held, base), (), low == 0.0, low, high),)
+        return (Branch(m, at, 0, None, rise(moving, low, high, held, base), None, low == 0.0, (low, high)),)
     lead = leads[0]
     ahead = m.parts[lead].monotone[at[lead]]
     place = moving.index(ahead)
     ends = (ahead.start, ahead.end) if ahead.sign == 0 else (ahead.inverse(high), ahead.inverse(low))
     whole = Chain(moving, place, *ends, held, base)
     return tuple(
-        Branch(m, at, number, lead, [Chain(moving, place, a, b, held, base)], folds, low == 0.0 and b == whole.end, low, high)
+        Branch(m, at, number, lead, [Chain(moving, place, a, b, held, base)], folds, low == 0.0 and b == whole.end, (low, high))
         for number, (a, b, folds) in enumerate(_increasing(whole))
     )
 
