@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ..laws.string_laws import OnPieces
-from .paths import LONGEST, TOUCH, TURN, Path
+from ..laws.string_laws import TOUCH, OnPieces
+from .paths import LONGEST, TURN, Path
 from .points import SETTLED, Local, Point
 from .saddle import Bordered, Saddle
 
@@ -169,7 +169,7 @@ class LoadSteps:
         self._last = self._limit = self._point = None
         on = laws.on(laws.piece_of(self.equations.elongation(free, parameter) + TOUCH))  # at an end: the piece beyond
         state = self._to_load(self.saddle.start(free, parameter), parameter, on)
-        if state is None or ((state.elongation < on.lower - TOUCH) | (state.elongation > on.upper + TOUCH)).any():
+        if state is None or on.left(state.elongation).any():
             return None
         try:
             self._last = self._watched(state, side) if len(on.curved) else state
@@ -257,7 +257,7 @@ class LoadSteps:
                 size = -here.load_rate / here.load_bow
                 z, parameter = predict(size)
                 elongation = self.equations.elongation(z[: self._n], parameter)
-                if np.count_nonzero(self._gone(elongation)):
+                if np.count_nonzero(self._here.laws.left(elongation)):
                     ended = self._first_end(predict, size, elongation, way, goal)
                     if ended is not None:
                         return ended
@@ -271,12 +271,12 @@ class LoadSteps:
         else:
             z = predict(size)[0] if limit is None else here.towards(limit, goal)
             elongation = self.equations.elongation(z[: self._n], goal)
-            if np.count_nonzero(self._gone(elongation)):
+            if np.count_nonzero(self._here.laws.left(elongation)):
                 return self._first_end(predict, size, elongation, way, goal)
             found, kind = self._load_beside(z, goal), ""
             if found is None:
                 return self._own_end(way, goal) if limit is None and here.softens(way) else None
-        if np.count_nonzero(self._gone(found.elongation)):
+        if np.count_nonzero(self._here.laws.left(found.elongation)):
             return self._first_end(predict, size, found.elongation, way, goal)
         return found, kind
 
@@ -305,14 +305,9 @@ class LoadSteps:
             if found is None or not found.tangent[:n] @ here.tangent[:n] > 0.0:
                 continue
             inside = (found.parameter - here.parameter) * way > 0.0 and (found.parameter - goal) * way < 0.0
-            if inside and not np.count_nonzero(self._gone(found.elongation)):
+            if inside and not np.count_nonzero(self._here.laws.left(found.elongation)):
                 return self._watched(found, way), ""
         raise Doubt
-
-    def _gone(self, elongation: np.ndarray) -> np.ndarray:
-        """(S,) bool: strings past the ends of their pieces."""
-        laws = self._here.laws
-        return (elongation < laws.lower - TOUCH) | (elongation > laws.upper + TOUCH)
 
     def _near(self, found: State, guess: np.ndarray) -> bool:
         """Whether a state is near its prediction, and the path has turned little."""
@@ -329,7 +324,7 @@ class LoadSteps:
         """The kink where the first string leaves its piece, on the way to these elongations."""
         here, laws, parameter = self._here, self._here.laws, self._here.parameter
         tried: list[int] = []
-        gone = self._gone(elongation)
+        gone = self._here.laws.left(elongation)
         z, p = predict(0.5 * size)
         middle = self.equations.elongation(z[: self._n], p)
         for _ in range(FIRST):
@@ -345,12 +340,12 @@ class LoadSteps:
             found = self._to_end(z, near, laws, string, float(end[first]))
             if found is None or (found.parameter - parameter) * way < 0.0:
                 return None
-            gone = self._gone(found.elongation)
+            gone = self._here.laws.left(found.elongation)
             if not gone.any():
                 if (found.parameter - goal) * way <= 0.0:
                     return self._flipped(found, way), "kink"
                 found = self._load_beside(here.towards(found, goal), goal)
-                return None if found is None or np.count_nonzero(self._gone(found.elongation)) else (found, "")
+                return None if found is None or np.count_nonzero(self._here.laws.left(found.elongation)) else (found, "")
             tried.append(string)
             elongation = np.where(gone, found.elongation, elongation)
         return None

@@ -143,20 +143,13 @@ def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
     inverse = np.linalg.inv(lower)
     stiffness = inverse @ found.stiffness @ inverse.T
     damping = inverse @ found.damping @ inverse.T * float(damped)
-    neutral = _null(found.stiffness)
-    loose = neutral @ _null(found.damping @ neutral * float(damped), np.abs(found.damping).max())
+    neutral = statics.null_space(found.stiffness, NEUTRAL)
+    loose = neutral @ statics.null_space(found.damping @ neutral * float(damped), NEUTRAL, np.abs(found.damping).max())
     values, vectors = _eigenpairs(stiffness, damping, lower.T @ neutral, lower.T @ loose)
     shapes = found.basis @ inverse.T @ vectors
     order = np.lexsort((np.abs(values), -values.real))
     named = [Mode(0j, _shape(model, field), name) for name, field in _named(model, found.basis @ neutral)]
     return named + [Mode(complex(values[i]), _shape(model, shapes[:, i])) for i in order]
-
-
-def _null(matrix: np.ndarray, largest: float = 0.0) -> np.ndarray:
-    """(r, k) orthonormal: what a matrix (q, r) makes nothing of, beside round-off of its largest value or of `largest`."""
-    _, sizes, directions = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
-    rank = int(np.sum(sizes > NEUTRAL * max(largest, sizes.max(initial=0.0))))
-    return directions[rank:].T
 
 
 def _complement(directions: np.ndarray) -> np.ndarray:

@@ -25,14 +25,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
 from .. import statics
+from ..laws.string_laws import TOUCH
 from ..model import Model
 from ..quantities import array_of, number
-from .equilibrium import Equations, Tangent
+from .equilibrium import Equations
 from .loading import Loading
 from .points import SETTLED, SINGULAR, Local, PathError, Point, _direction, _point, bordered, newton
 
@@ -40,7 +40,6 @@ LONGEST = 0.02  # longest step, as part of the shortest bar
 WHOLE_WAY = 0.05  # what all of p's way weighs in the arc, as part of the shortest bar
 SHORTEST = 1e-12  # shortest step, m
 TURN = 0.2  # rad: a step over which the path's direction turns by more is repeated shorter
-TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its end
 CRITICAL = 1e4  # eigenvalues below so many times their round-off vanish at a branch point
 ASIDE = 1e-3  # how far beside a branch point another path is looked for, as part of the shortest bar
 MOST_POINTS = 20_000
@@ -85,14 +84,6 @@ class Path:
             if low <= parameter < high or (parameter == after.parameter and after is self.points[-1]):
                 found.append(between(self.equations, self.scale, before, after, parameter))
         return found
-
-
-def _same(tangent: Tangent) -> Tangent:
-    return tangent
-
-
-def _eigenvalue(number: int, point: Point) -> float:
-    return float(point.values[number])
 
 
 def between(equations: Equations, scale: float, before: Point, after: Point, parameter: float) -> Point:
@@ -189,14 +180,14 @@ class _Follower:
         """The kink at which the first string leaves its piece between the two points, or `trial` where none does; None
         where a string leaves, but its kink is not found."""
         end = self.equations.elongation(trial.free, trial.parameter)
-        lower, upper = self.equations.laws.ends(base.piece)
-        gone = (end < lower - TOUCH) | (end > upper + TOUCH)
+        on = self.equations.laws.on(base.piece)
+        gone = on.left(end)
         if not gone.any():
             return trial
         start = self.equations.elongation(base.free, base.parameter)
         tried: set[int] = set()
         while gone.any():
-            goal = np.where(end > upper, upper, lower)
+            goal = np.where(end > on.upper, on.upper, on.lower)
             with np.errstate(divide="ignore", invalid="ignore"):
                 part = np.where(gone, (goal - start) / (end - start), np.inf)
             part[list(tried)] = np.inf
@@ -209,7 +200,7 @@ class _Follower:
                 continue
             free, parameter, _ = found
             elongation = self.equations.elongation(free, parameter)
-            beyond = (elongation < lower - TOUCH) | (elongation > upper + TOUCH)
+            beyond = on.left(elongation)
             if not beyond.any():
                 return self._kink(base, trial, part[first], free, parameter, elongation)
             end, gone = np.where(beyond, elongation, end), beyond
@@ -227,9 +218,8 @@ class _Follower:
 
     def _kink(self, base, trial, part, free, parameter, elongation) -> Point:
         """The point with the pieces, and the tangent, of the way on."""
-        lower, upper = self.equations.laws.ends(base.piece)
-        low = np.flatnonzero(np.abs(elongation - lower) <= TOUCH)
-        high = np.flatnonzero(np.abs(elongation - upper) <= TOUCH)
+        on = self.equations.laws.on(base.piece)
+        low, high = (np.flatnonzero(np.abs(elongation - end) <= TOUCH) for end in (on.lower, on.upper))
         touching = np.concatenate([low, high])
         below = base.piece.copy()
         below[low] -= 1
@@ -241,8 +231,7 @@ class _Follower:
         arc = base.arc + float(part) * (trial.arc - base.arc)
         rays = [ray for ray in self._rays(free, parameter, below, touching, base.piece, trial.direction, arc) if _resisted(ray)]
         if not rays:
-            tangent = self.equations.at(free, parameter, base.piece)
-            local = Local(self.equations, lambda: tangent)
+            local = Local(self.equations, self.equations.at(free, parameter, base.piece))
             return Point(parameter, free, base.piece, trial.direction, local, arc, "loose")
         return max(rays, key=lambda ray: ray.direction @ trial.direction)
 
@@ -263,7 +252,7 @@ class _Follower:
             rate = (tangent.growth @ direction[:-1] - rest * direction[-1])[touching]
             for sign in (1.0, -1.0):
                 if (np.where(up, sign, -sign) * rate >= -INWARD).all():
-                    local = Local(self.equations, partial(_same, tangent))
+                    local = Local(self.equations, tangent)
                     found.append(Point(parameter, free, piece, sign * direction, local, arc, "kink"))
         return found
 
@@ -307,7 +296,7 @@ class _Follower:
         for i in range(low, high):
             change = abs(end.values[i] - base.values[i])
             if not (found and abs(found[0].values[i]) <= 1e-4 * change):  # else it vanishes at the limit point
-                point = self.root(base, end, partial(_eigenvalue, i), "branch", 1e-13)
+                point = self.root(base, end, lambda p, i=i: float(p.values[i]), "branch", 1e-13)
                 if point is None:
                     return None
                 found.append(point)
@@ -461,6 +450,4 @@ def branches(path: Path, point: Point) -> list[Point]:
 
 def inside(equations: Equations, point: Point) -> bool:
     """Whether every string is on the piece that it is said to be on."""
-    elongation = equations.elongation(point.free, point.parameter)
-    lower, upper = equations.laws.ends(point.piece)
-    return bool(((elongation >= lower - TOUCH) & (elongation <= upper + TOUCH)).all())
+    return not equations.laws.on(point.piece).left(equations.elongation(point.free, point.parameter)).any()

@@ -26,15 +26,15 @@ class PathError(TensegrityError):
 class Local:
     """The equations at a point, and what follows from them, worked out when it is first asked for.
 
-    tangent: gives them; definite: whether the tangent stiffness is known to be positive definite.
+    tangent: them, or what gives them; definite: whether the tangent stiffness is known to be positive definite.
     """
 
-    def __init__(self, equations: Equations, tangent: Callable[[], Tangent], definite: bool = False):
+    def __init__(self, equations: Equations, tangent: Tangent | Callable[[], Tangent], definite: bool = False):
         self._equations, self._tangent, self.definite = equations, tangent, definite
 
     @cached_property
     def tangent(self) -> Tangent:
-        return self._tangent()
+        return self._tangent() if callable(self._tangent) else self._tangent
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -98,18 +98,12 @@ def bordered(tangent: Tangent, scale: float, row: np.ndarray) -> np.ndarray:
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray, least: bool = False) -> np.ndarray | None:
-    """Solution of a bordered system; least: see `_least`."""
-    if least:
-        return _least(matrix, right)
+    """Solution of a bordered system, None where there is none; least: the one of least size, which at a branch point, where the
+    system is singular, stays on the path."""
     try:
-        return np.linalg.solve(matrix, right)
+        return np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0] if least else np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
         return None
-
-
-def _least(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The solution of least size, which at a branch point, where the system is singular, stays on the path."""
-    return np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
 
 
 def newton(
@@ -146,7 +140,9 @@ def _direction(tangent: Tangent, scale: float, along: np.ndarray) -> np.ndarray 
     matrix = bordered(tangent, scale, along)
     found = _solved(matrix, right)
     if found is None or not found @ found <= FAR:
-        found = _least(matrix, right)
+        found = _solved(matrix, right, least=True)
+    if found is None:
+        return None
     direction = np.concatenate((tangent.basis @ found[:-1], found[-1:]))
     size = math.sqrt(direction @ direction)
     return direction / size if math.isfinite(size) and size > 0.0 else None
@@ -157,4 +153,4 @@ def _point(equations, scale, free, parameter, tangent, piece, along, arc, kind) 
     direction = _direction(tangent, scale, along)
     if direction is None:
         return None
-    return Point(float(parameter), free, piece, direction, Local(equations, lambda: tangent), arc, kind)
+    return Point(float(parameter), free, piece, direction, Local(equations, tangent), arc, kind)

@@ -23,6 +23,7 @@ from .elements import law
 from .panels import DEGREE, NoPanels, Panel, table
 
 MOST_KNOWN = 1000  # combinations of pieces that are kept ready
+TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its end
 
 
 def string_laws(model: Model) -> StringLaws:
@@ -97,10 +98,6 @@ class StringLaws:
         """(S,) the piece that holds each elongation (S,), m; at a breakpoint the piece that ends there."""
         return np.add.reduce(elongation[:, None] > self._ends, axis=1)
 
-    def ends(self, piece: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(S,), (S,) m: elongations at which these pieces begin and end."""
-        return self.lower.ravel()[self._all + piece], self.upper.ravel()[self._all + piece]
-
     def on(self, piece: np.ndarray) -> OnPieces:
         """The laws of these pieces (S,), ready for many elongations."""
         key = piece.tobytes()
@@ -131,8 +128,8 @@ class OnPieces:
 
     def __init__(self, laws: StringLaws, piece: np.ndarray):
         self.piece = piece
-        self.lower, self.upper = laws.ends(piece)
         at = laws._all + piece
+        self.lower, self.upper = laws.lower.ravel()[at], laws.upper.ravel()[at]
         first, most = laws._first[at], laws._most[at]
         centre, _half, _reach = laws._spans[:, first]
         curved = (most > 0) | (np.abs(laws._laws[first, 1, 1:]).max(axis=1, initial=0.0) > 0.0)
@@ -144,6 +141,10 @@ class OnPieces:
         self._first, self._most = first[self.curved], most[self.curved]
         self._laws, self._spans = laws._laws, laws._spans
         self._powers, self._none = np.ones((len(at), DEGREE + 1, 1)), np.zeros(len(at), dtype=int)
+
+    def left(self, elongation: np.ndarray) -> np.ndarray:
+        """(S,) bool: strings past the ends of their pieces at elongations (S,), m."""
+        return (elongation < self.lower - TOUCH) | (elongation > self.upper + TOUCH)
 
     def __call__(self, elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(S,) N, (S,) N/m at elongations (S,), m, and (C,) N/m2, the slope of the curved strings' stiffness."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .analysis import analyse, rigid_body_motions, rigid_fields
 from .balance import Balance
 from .forces import equilibrium_matrix, loads, member_forces, members, places, residual, unbalanced
-from .matrices import Dense, TooLarge, free_rows, freedoms, lengths_between, require_small
+from .matrices import Dense, TooLarge, free_rows, lengths_between, null_space, require_small
 from .settling import NoEquilibrium, descend, settle
 from .start import build_model
 from .strings import string_branches, string_energy, string_tension
@@ -25,12 +25,12 @@ __all__ = [
     "descend",
     "equilibrium_matrix",
     "free_rows",
-    "freedoms",
     "is_stable",
     "lengths_between",
     "loads",
     "member_forces",
     "members",
+    "null_space",
     "places",
     "require_small",
     "residual",

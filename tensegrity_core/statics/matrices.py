@@ -101,8 +101,7 @@ def lstsq(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(matrix, right, rcond=RANK_TOLERANCE)[0]
 
 
-def null_space(matrix: np.ndarray) -> np.ndarray:
-    if not matrix.size:
-        return np.eye(matrix.shape[1])
+def null_space(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE, largest: float = 1e-300) -> np.ndarray:
+    """(c, k) orthonormal: what a matrix (r, c) makes nothing of, beside this part of its largest value or of `largest`."""
     _, values, right = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])  # right is square
-    return right[int(np.sum(values > RANK_TOLERANCE * max(values[0], 1e-300))) :].T
+    return right[int(np.sum(values > tolerance * max(values.max(initial=0.0), largest))) :].T
