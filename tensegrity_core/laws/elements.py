@@ -18,9 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
 
 from ..errors import InputError
 from ..model.elements import BEAM_RANGES, KINDS, Beam, Element, Parallel, Polynomial, Series, Spring, Table
@@ -141,13 +139,6 @@ def _series(element: Series) -> Law:
     return Snaps(parts).law()
 
 
-_MAKERS: dict[type, Callable[[Any], Law]] = {
-    Spring: _spring,
-    Beam: _beam,
-    Polynomial: _polynomial,
-    Table: _table,
-    Parallel: _parallel,
-    Series: _series,
-}
+_MAKERS: dict = {Spring: _spring, Beam: _beam, Polynomial: _polynomial, Table: _table, Parallel: _parallel, Series: _series}
 if set(_MAKERS) != set(KINDS.values()):
     raise ValueError(f"laws/elements.py makes other laws than those of the kinds {', '.join(KINDS)} of model/elements.py")

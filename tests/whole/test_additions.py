@@ -115,7 +115,7 @@ def add_output(tree: Path) -> None:
     """Three files."""
     insert(tree / "tensegrity_core" / "fields.py", '    Field("wound_rest_length", ', ROW)
     insert(source(tree, "outputs.c"), "        force[i] = sim->strings.fs[i] + sim->strings.fd[i];\n", KERNEL)
-    insert(tree / "tensegrity_core" / "reference" / "run.py", "            kinetic=kinetic_energy(", REFERENCE)
+    insert(tree / "tensegrity_core" / "reference" / "run.py", "            kinetic=instant.kinetic_energy(", REFERENCE)
 
 
 RIGHT_KERNEL = "    return inputs[m->at[TS_FORCE] + free * m->count[TS_D] + d];\n"
