@@ -403,7 +403,7 @@ def experiment_4(
     middle = 0.5 * (times[1:] + times[:-1])
     force = np.where(middle / PERIOD % 1.0 < 0.5, high, low)
     plain = one_dimensional.Oscillator(mass, stiffness, damping)
-    systems = {"plain": plain, "nsh": replace(plain, nsh=article_nsh())}
+    systems = {"plain": plain, "nsh": replace(plain, element=article_nsh().element)}
     return Absorption({name: one_dimensional.simulate(each, times, force) for name, each in systems.items()}, systems)
 
 

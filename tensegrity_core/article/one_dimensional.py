@@ -1,13 +1,13 @@
-"""A mass on a spring and a damper in one dimension, with a linear spring or an NSH: experiment IV of the article (eq. 15).
+"""A mass on a spring and a damper in one dimension, the spring being linear or an NSH: experiment IV of the article (eq. 15).
 
 M x'' + B x' + f(x) = f_ext.  It is no tensegrity: there is no bar, and the spring also pushes (f(-x) = -f(x)); nothing goes
-slack.  The NSH's curve is the exact one of `laws`; integration stops at each end of its pieces and starts anew there.
+slack.  The spring's law is the exact one of `laws`; integration stops at each end of its pieces and starts anew there.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError
 from ..laws import law
 from ..laws.law import Law
-from ..model import NSH
+from ..model.elements import Element, Spring
 from ..quantities import number
 
 RTOL, ATOL = 1e-12, 1e-14  # of the steps; m and m/s
@@ -25,12 +25,13 @@ RTOL, ATOL = 1e-12, 1e-14  # of the steps; m and m/s
 
 @dataclass(frozen=True)
 class Oscillator:
-    """mass: kg; stiffness: N/m, of the spring, or of what carries once the NSH has bottomed out; damping: N.s/m."""
+    """mass: kg; stiffness: N/m, of the spring, or of what carries once its element has bottomed out; damping: N.s/m; element: of
+    beams, say, without memory; None: a linear spring."""
 
     mass: float
     stiffness: float
     damping: float
-    nsh: NSH | None = None
+    element: Element | None = None
 
     def __post_init__(self):
         for name in ("mass", "stiffness", "damping"):
@@ -39,18 +40,16 @@ class Oscillator:
             value = getattr(self, name)
             if not (np.isfinite(value) and (value > 0.0 or (value == 0.0 and name != "mass"))):
                 raise InputError(f"{name} = {value!r} is not {least}; give a finite number that is")
+        _ = self.law  # which refuses what is no spring
 
     @cached_property
     def law(self) -> Law:
-        """The NSH's law."""
-        assert self.nsh is not None
-        return law(replace(self.nsh, law="single_valued").element, self.stiffness)
+        """Of the spring where it is pulled; pushed, it is the same in the other direction."""
+        return law(self.element or Spring(self.stiffness), self.stiffness)
 
     @cached_property
     def breakpoints(self) -> list[float]:
-        """m: ends of the pieces of f, increasing and symmetric to 0; empty for a linear spring."""
-        if self.nsh is None:
-            return []
+        """m: ends of the pieces of f, increasing and symmetric to 0, which is one of them."""
         ends = self.law.breakpoints
         return [-x for x in ends[:0:-1]] + list(ends)
 
@@ -63,8 +62,6 @@ class Oscillator:
 
     def spring_force(self, piece: int, x: float) -> float:
         """f by the formula of one piece, N."""
-        if self.nsh is None:
-            return self.stiffness * x
         zero = len(self.breakpoints) // 2
         if piece > zero:
             return self.law.force_on_piece(piece - zero, x)
@@ -72,8 +69,7 @@ class Oscillator:
 
     def stored(self, x: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """J: energy in mass and spring at positions and velocities, m and m/s."""
-        spring = 0.5 * self.stiffness * x**2 if self.nsh is None else np.vectorize(self.law.energy, otypes=[float])(np.abs(x))
-        return 0.5 * self.mass * velocity**2 + spring
+        return 0.5 * self.mass * velocity**2 + np.vectorize(self.law.energy, otypes=[float])(np.abs(x))
 
 
 @dataclass(frozen=True)

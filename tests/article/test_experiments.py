@@ -128,7 +128,7 @@ def test_nsh_oscillator_conserves_energy():
     honeycomb, stiffness = experiments.article_nsh(), 5000.0
     times = np.linspace(0.0, 1.2, 121)
     force = np.where(np.arange(120) < 60, 60.0, -60.0)
-    run = one_dimensional.simulate(one_dimensional.Oscillator(1.0, stiffness, 0.0, honeycomb), times, force)
+    run = one_dimensional.simulate(one_dimensional.Oscillator(1.0, stiffness, 0.0, honeycomb.element), times, force)
     made = law(honeycomb.element, stiffness)
     stored = 0.5 * run.velocity**2 + np.array([made.energy(abs(x)) for x in run.position.tolist()])
     assert run.position.max() > 0.09 and run.position.min() < -0.09
@@ -138,7 +138,7 @@ def test_nsh_oscillator_conserves_energy():
 def test_nsh_oscillator_comes_to_rest_on_its_curve():
     honeycomb = experiments.article_nsh()
     times = np.linspace(0.0, 30.0, 4)
-    run = one_dimensional.simulate(one_dimensional.Oscillator(1.0, 5000.0, 500.0, honeycomb), times, np.full(3, 16.0))
+    run = one_dimensional.simulate(one_dimensional.Oscillator(1.0, 5000.0, 500.0, honeycomb.element), times, np.full(3, 16.0))
     assert law(honeycomb.element, 5000.0).force(run.position[-1]) == pytest.approx(16.0, abs=1e-9)
 
 
@@ -284,6 +284,8 @@ def test_oscillators_outside_their_range_are_refused():
         one_dimensional.Oscillator(0.0, 1.0, 1.0)
     with pytest.raises(InputError, match="damping = -1.0 is not at least 0"):
         one_dimensional.Oscillator(1.0, 1.0, -1.0)
+    with pytest.raises(InputError, match="spring.k = 0.0"):
+        one_dimensional.Oscillator(1.0, 0.0, 1.0)
     with pytest.raises(InputError, match=r"force \(3,\)"):
         one_dimensional.simulate(one_dimensional.Oscillator(1.0, 1.0, 1.0), [0.0, 1.0], [1.0, 2.0, 3.0])
 
