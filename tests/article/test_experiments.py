@@ -361,7 +361,7 @@ def test_every_choice_was_measured():
 def test_a_claim_is_judged_by_its_conditions():
     scores = {claims.YES: [True, True], claims.PARTLY: [True, False], claims.NO: [False, False]}
     for verdict, conditions in scores.items():
-        claim = claims.Claim("II", "", lambda numbers: numbers["conditions"], lambda numbers: "")
+        claim = claims.Claim("II", "", lambda numbers: (numbers["conditions"], ""))
         assert claim.verdict({"II": {"base": {"conditions": conditions}}}) == verdict
     assert claim.verdict({"II": {"base": {"failure": "no equilibrium"}}}) is None
 
