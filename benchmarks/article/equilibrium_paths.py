@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import machine
 from benchmarks.harness.page import Page, new_figure, plain, rendered
+from tensegrity_core.article import experiments
 from tensegrity_core.equilibria import steady_states
 from tensegrity_core.equilibria import sudden as sudden_loads
 from tensegrity_core.equilibria.loading import Loading
@@ -34,18 +35,16 @@ from tensegrity_core.kernel import Kernel, simulate
 from tensegrity_core.laws import string_law
 from tensegrity_core.laws.string_laws import string_laws
 from tensegrity_core.model import grid, held
-from tensegrity_core.output.path_figures import Quantity, curve
-from tensegrity_core.scene import load_scene
-from tensegrity_core.statics import build_model
+from tensegrity_core.output.path_figures import BEHIND, DOWN, UP, Quantity, curve
 
-SCENES = ("two_bar", "two_bar_nsh", "three_bar", "three_bar_nsh", "six_bar", "six_bar_nsh")
-LOADS = np.arange(10.0, 73.0, 2.0)  # N on each top node
-DURATION, ROW, TOLERANCE = 50.0, 0.01, 1e-10
+SCENES = [name + kind for name in experiments.SYSTEMS for kind in experiments.KINDS]
+LOADS = np.array(experiments.LIFTS, dtype=float)  # N on each top node
+DURATION, ROW, TOLERANCE = experiments.LIFT_DURATION, experiments.STEP, 1e-10
 AT_REST, LONGEST = 1e-9, 2000.0  # m/s, s: how slow, and how long, the runs that go on
 LANDINGS = 300  # random loadings
-PARTS, BEHIND = 4, 60  # parts in which a path's step is drawn, points of an unstable branch
+PARTS, BEYOND = 4, 60  # parts in which a path's step is drawn, points of an unstable branch
 SAME, AIM = 1e-6, 100  # m, of heights; how many times faster than the runs
-UP, DOWN, UNSTABLE, ELSEWHERE, DYNAMIC = "#1f5fa8", "#d1495b", "#6b705c", "#edae49", "#22252e"
+ELSEWHERE, DYNAMIC = "#edae49", "#22252e"
 
 # --- measuring ---------------------------------------------------------------------------------------------------------
 
@@ -54,10 +53,9 @@ class Case:
     """A scene under experiment I's loads, solved and waited for."""
 
     def __init__(self, name: str):
-        self.model = build_model(load_scene(name))
-        self.top = np.flatnonzero(self.model.nodes[:, 2] > self.model.nodes[:, 2].max() - 0.01)
-        self.lift = np.zeros_like(self.model.nodes)
-        self.lift[self.top, 2] = 1.0
+        self.model = experiments.system(name)
+        self.top = experiments.top_nodes(self.model)
+        self.lift = experiments.upward(self.model, self.top)
         self.loading = Loading(self.model, self.lift)
         self.kernel = Kernel(self.model, tolerance=TOLERANCE)
         self.seconds: dict[str, list[float]] = {}
@@ -68,11 +66,8 @@ class Case:
         self.seconds.setdefault(what, []).append(time.process_time() - start)
         return found
 
-    def sweep(self) -> steady_states.Sweep:
-        return steady_states.load_sweep(self.loading, [0.0, *LOADS])
-
-    def careful(self) -> steady_states.Sweep:
-        return steady_states.load_sweep(self.loading, [0.0, *LOADS], careful=True)
+    def sweep(self, careful: bool = False) -> steady_states.Sweep:
+        return steady_states.load_sweep(self.loading, [0.0, *LOADS], careful=careful)
 
     def suddenly(self, known: list[list]) -> list[sudden_loads.Sudden]:
         loads = sudden_loads.SuddenLoads(self.up.equations)
@@ -97,7 +92,7 @@ class Case:
 
     def round(self) -> None:
         self.up = self.timed("sweep", self.sweep)
-        self.carefully = self.timed("careful", self.careful)
+        self.carefully = self.timed("careful", partial(self.sweep, careful=True))
         known = [sudden_loads.states_at(self.up.paths, load) for load in LOADS.tolist()]
         self.sudden = self.timed("sudden", lambda: self.suddenly(known))
         self.timed("runs", lambda: self.runs(1))
@@ -142,16 +137,13 @@ def states(case: Case) -> list[dict]:
     slow, fallen = case.up.nodes[1:], back.nodes[:-1][::-1]
     for load, up, down, sudden in zip(LOADS.tolist(), slow, fallen, case.sudden):
         run, nodes = waited(case, load), case.up.equations.nodes(sudden.point.free)
+        heights = {"slow": up, "back": down, "sudden": nodes, "50": run["nodes_50"], "rest": run["nodes"]}
         slowest = modes(case.loading.model_at(load, nodes), load * case.lift)[0]
         known = [p for p in sudden_loads.states_at(paths, load) if p.stable]
         rows.append(
             {
                 "load": load,
-                "height_slow": height(case, up),
-                "height_back": height(case, down),
-                "height_sudden": height(case, nodes),
-                "height_50": height(case, run["nodes_50"]),
-                "height_rest": height(case, run["nodes"]),
+                **{f"height_{when}": height(case, at) for when, at in heights.items()},
                 "difference_50": float(np.abs(nodes - run["nodes_50"])[case.top, 2].max()),
                 "difference_rest": float(np.abs(nodes - run["nodes"])[case.top, 2].max()),
                 "slow_apart": float(np.abs(nodes - up).max()),
@@ -188,7 +180,7 @@ def lines(case: Case, rows: list[dict]) -> dict:
         ]
         for name, sweep in (("up", case.up), ("back", case.back))
     }
-    detours = [p for sweep in (case.up, case.back) for p in steady_states.detours(sweep, BEHIND)]
+    detours = [p for sweep in (case.up, case.back) for p in steady_states.detours(sweep, BEYOND)]
     apart = [i for i, row in enumerate(rows) if min(row["slow_apart"], row["back_apart"]) > SAME]
     elsewhere = [
         follow(case.loading, float(LOADS[i]), goal, case.up.equations.nodes(case.sudden[i].point.free), stop="unstable")
@@ -272,13 +264,13 @@ def figure_of(result: dict, name: str) -> Figure:
     return figure
 
 
-FIGURES = {f"path_{name}": partial(figure_of, name=name) for name in ("two_bar", "three_bar", "six_bar")}
+FIGURES = {f"path_{name}": partial(figure_of, name=name) for name in experiments.SYSTEMS}
 
 
 def panel(axes, scene: dict) -> None:
     found = scene["lines"]
     for i, (load, value) in enumerate(found["unstable"]):
-        axes.plot(value, load, "--", color=UNSTABLE, linewidth=0.7, label="unstable" if i == 0 else None)
+        axes.plot(value, load, "--", color=BEHIND, linewidth=0.7, label="unstable" if i == 0 else None)
     for way, colour, label in (("up", UP, "load grows slowly"), ("back", DOWN, "load falls slowly")):
         for i, (load, value) in enumerate(found[way]):
             width = 1.6 if way == "up" else 1.0

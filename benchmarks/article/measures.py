@@ -16,8 +16,6 @@ from tensegrity_core.article import experiments
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.laws.beam import beam_extrema
 from tensegrity_core.model import Model, Result
-from tensegrity_core.scene import load_scene
-from tensegrity_core.statics import build_model
 
 from .variants import BASE, VARIANTS, Variant
 
@@ -161,9 +159,8 @@ def wave(variant: Variant, kind: str, damping: float) -> dict:
     In the time drawn: force_peak, force_mean: N, elastic, between n1 and n4; bar_mean: N, of all bars' forces; snaps: of beams
     of s1.  dissipated: J, in the whole run.
     """
-    scene = load_scene("three_bar" + SUFFIX[kind])
-    model = build_model(scene)
-    model = variant.change(replace(model, damping=np.full(len(model.strings), variant.damping * damping)))
+    model = experiments.system("three_bar" + SUFFIX[kind])
+    model = variant.change(experiments.damped(model, variant.damping * damping))
     inputs = experiments.wave_inputs(model, duration=WAVE_SECONDS, phase=variant.phase)
     result = kernel.simulate(model, inputs)
     moved = experiments.displacement(result, model.node_names.index("n5"))
@@ -203,8 +200,7 @@ def repeats(dampings=experiments.DAMPINGS) -> dict:
     found = {}
     for damping in dampings:
         for kind in (PLAIN, NSH):
-            model = build_model(load_scene("three_bar" + SUFFIX[kind]))
-            model = replace(model, damping=np.full(len(model.strings), damping))
+            model = experiments.damped(experiments.system("three_bar" + SUFFIX[kind]), damping)
             result = experiments.square_wave(model, duration=REPEATED_SECONDS)
             moved = experiments.displacement(result, model.node_names.index("n5"))
             rows = MOST_REPEATS * round(experiments.PERIOD / experiments.STEP)

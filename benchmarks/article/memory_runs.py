@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -85,24 +84,13 @@ def ledger() -> dict:
     found = {}
     for name in experiments.SYSTEMS:
         model = HYSTERETIC.model(f"{name}_nsh")
-        push = np.zeros((len(model.nodes), 3))
-        push[experiments.top_nodes(model), 2] = LEDGER_LIFT
+        push = experiments.upward(model, experiments.top_nodes(model), LEDGER_LIFT)
         found[f"{name}/lift"] = account(model, lambda t, push=push: push, np.array([0.0, LEDGER_DURATION]))
     for d in sorted(experiments.DAMPINGS):
-        model = damped(HYSTERETIC.model("three_bar_nsh"), d)
-        push = np.zeros((len(model.nodes), 3))
-        push[model.node_names.index("n4"), 2] = experiments.WAVE
+        model = experiments.damped(HYSTERETIC.model("three_bar_nsh"), d)
         switches = np.arange(0.0, LEDGER_DURATION + 0.1, 0.5 * experiments.PERIOD)
-
-        def wave(t, push=push):
-            return push if t / experiments.PERIOD % 1.0 < 0.5 else -push
-
-        found[f"three_bar/{d:g}"] = account(model, wave, switches)
+        found[f"three_bar/{d:g}"] = account(model, experiments.wave_force(model), switches)
     return found
-
-
-def damped(model: Model, d: float) -> Model:
-    return replace(model, damping=np.full(len(model.strings), float(d)))
 
 
 # --- experiments I and II ----------------------------------------------------------------------------------------
@@ -113,8 +101,7 @@ def ramp_inputs(model: Model, top: float, step: float, hold: float) -> tuple[np.
     count = round(top / step)
     lift = step * np.concatenate((np.arange(count + 1), np.arange(count - 1, -1, -1)))
     times = hold * np.arange(len(lift) + 1)
-    push = np.zeros((len(model.nodes), 3))
-    push[experiments.top_nodes(model), 2] = 1.0
+    push = experiments.upward(model, experiments.top_nodes(model))
     return lift, held(model, times, force=lambda t: lift[min(int(t / hold), len(lift) - 1)] * push)
 
 
@@ -194,7 +181,7 @@ def second_experiment(duration: float = experiments.WAVE_DURATION) -> tuple[dict
     for d in experiments.DAMPINGS:
         paths = []
         for law, variant in LAWS.items():
-            model = damped(variant.model("three_bar_nsh"), d)
+            model = experiments.damped(variant.model("three_bar_nsh"), d)
             inputs = experiments.wave_inputs(model, duration=duration)
             run = simulate(model, inputs)
             peaks = experiments.wave_peaks(model, inputs, "n5", measures.joining(model, "n1", "n4"))

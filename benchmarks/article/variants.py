@@ -71,7 +71,7 @@ def end_stiffness(model: Model) -> Model:
 
 def lengths(model: Model) -> np.ndarray:
     """(S,) m, at the start."""
-    return np.linalg.norm(model.nodes[model.strings[:, 1]] - model.nodes[model.strings[:, 0]], axis=1)
+    return statics.lengths_between(model.nodes, model.strings)
 
 
 def in_series(law: str) -> Callable[[Model], Model]:

@@ -55,6 +55,18 @@ def top_strings(model: Model) -> np.ndarray:
     return np.asarray(np.isin(model.strings, top_nodes(model)).all(axis=1))
 
 
+def damped(model: Model, damping: float) -> Model:
+    """With this damping of every string, N s/m."""
+    return replace(model, damping=np.full(len(model.strings), float(damping)))
+
+
+def upward(model: Model, nodes: int | np.ndarray, force: float = 1.0) -> np.ndarray:
+    """(N, 3) N: a force up on each of these nodes."""
+    push = np.zeros((len(model.nodes), 3))
+    push[nodes, 2] = force
+    return push
+
+
 # --- I: steady heights -------------------------------------------------------------------------------------------
 
 
@@ -110,8 +122,7 @@ def steady_heights(
 
 
 def _lifted(model: Model, top: np.ndarray, force: float, duration: float, tolerance: float) -> Result:
-    push = np.zeros((len(model.nodes), 3))
-    push[top, 2] = force
+    push = upward(model, top, force)
     return simulate(model, held(model, np.array([0.0, duration]), lambda t: push), tolerance=tolerance)
 
 
@@ -159,17 +170,17 @@ def square_wave(model: Model, **options) -> Result:
 def wave_inputs(
     model: Model, node: str = "n4", duration: float = WAVE_DURATION, amplitude: float = WAVE, phase: float = 0.0
 ) -> Inputs:
+    """The forces of `wave_force`, held from one communication point to the next."""
+    return held(model, grid(duration, STEP), wave_force(model, node, amplitude, phase))
+
+
+def wave_force(model: Model, node: str = "n4", amplitude: float = WAVE, phase: float = 0.0) -> Callable[[float], np.ndarray]:
     """A vertical square wave on a node: +amplitude (N) for half a period first; phase: periods that the wave has run before.
 
-    That it starts upwards is chosen here; phase = 0.5 starts it downwards.
+    That it starts upwards is chosen here; phase = 0.5 starts it downwards.  t in s -> (N, 3) N.
     """
-    push = np.zeros((len(model.nodes), 3))
-    push[model.node_names.index(node), 2] = amplitude
-
-    def force(t: float) -> np.ndarray:
-        return push if (t / PERIOD + phase) % 1.0 < 0.5 else -push
-
-    return held(model, grid(duration, STEP), force)
+    push = upward(model, model.node_names.index(node), amplitude)
+    return lambda t: push if (t / PERIOD + phase) % 1.0 < 0.5 else -push
 
 
 def displacement(result: Result, node: int) -> np.ndarray:
@@ -236,10 +247,10 @@ def experiment_2(duration: float = WAVE_DURATION, dampings: Sequence[float] = DA
     for damping in dampings:
         for kind in KINDS:
             model = system("three_bar" + kind)
-            damped = replace(model, damping=np.full(len(model.strings), float(damping)))
-            inputs = wave_inputs(damped, duration=duration)
-            runs[model.name, damping] = simulate(damped, inputs)
-            peaks[model.name, damping] = wave_peaks(damped, inputs, Wave.node, [Wave.string])
+            model = damped(model, damping)
+            inputs = wave_inputs(model, duration=duration)
+            runs[model.name, damping] = simulate(model, inputs)
+            peaks[model.name, damping] = wave_peaks(model, inputs, Wave.node, [Wave.string])
     return Wave(runs, peaks, model)
 
 

@@ -25,8 +25,8 @@ RTOL, ATOL = 1e-12, 1e-14  # of the steps; m and m/s
 
 @dataclass(frozen=True)
 class Oscillator:
-    """mass: kg; stiffness: N/m, of the spring, or of what carries once its element has bottomed out; damping: N.s/m; element: of
-    beams, say, without memory; None: a linear spring."""
+    """mass: kg; stiffness: N/m, of the spring, or of what carries once its element has bottomed out; damping: N.s/m; element:
+    of beams, say, without memory; None: a linear spring."""
 
     mass: float
     stiffness: float
