@@ -22,7 +22,7 @@ from tensegrity_core.files import scratch, write_text
 from tensegrity_core.model import Model
 
 from . import environments, scenario
-from .tools import TOOLS, Tool
+from .tools import COUPLED, TOOLS, Tool
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 BASE = ROOT / "build" / "importers"
@@ -50,7 +50,7 @@ def one(tool: Tool, fmu: Path, source: Path, expected: Expected) -> dict:
     if tool.driver is None:
         return {"version": version, "outcome": "not run", "why": "it can be installed, but has no driver here yet"}
     with scratch() as folder:
-        told = scenario.job(expected.model, fmu, source, folder) | {"program": str(program)}
+        told = scenario.job(expected.model, fmu, source, folder) | {"program": str(program), "coupled": tool.inputs == COUPLED}
         write_text(folder / "job.json", json.dumps(told))
         command = [str(python), str(DRIVERS / f"{tool.driver}.py"), str(folder / "job.json"), str(folder / "result.json")]
         return {"version": version, **outcome(command, folder, libraries, expected)}

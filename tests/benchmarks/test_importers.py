@@ -101,7 +101,9 @@ def test_fmpy_drives_the_native_fmu_as_a_driver_does(tmp_path):
     model = scenario.model()
     fmu = scenario.PACK["native"](model, tmp_path / f"{model.name}.fmu")
     kernel = scenario.plain_kernel(model)
-    (tmp_path / "job.json").write_text(json.dumps(scenario.job(model, fmu, fmu, tmp_path)), encoding="utf-8")
+    (tmp_path / "job.json").write_text(
+        json.dumps(scenario.job(model, fmu, fmu, tmp_path) | {"coupled": False}), encoding="utf-8"
+    )
     driver = run.DRIVERS / "fmpy_calls.py"
     subprocess.run([sys.executable, str(driver), "job.json", "result.json"], cwd=tmp_path, check=True)
     found = run.judged(json.loads((tmp_path / "result.json").read_bytes()), run.Expected(model, kernel, kernel), "")

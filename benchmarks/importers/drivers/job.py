@@ -10,9 +10,9 @@ import sys
 
 
 class Job:
-    """fmu, source: paths; step, s; constants: input -> value; wave: name of the moving input; values: of it, one per step,
-    N; source_outputs: name -> reference; outputs: names; references: variable -> value reference; starts: of all inputs;
-    folder: for scratch; program: a tool's own file, where it has one."""
+    """fmu, source: paths; coupled: whether the source gives the inputs; step, s; constants: input -> value; wave: name of the
+    moving input; values: of it, one per step, N; source_outputs: name -> reference; outputs: names; references: variable ->
+    value reference; starts: of all inputs; folder: for scratch; program: a tool's own file, where it has one."""
 
     def __init__(self, path):
         with open(path, encoding="utf-8") as file:
@@ -23,13 +23,13 @@ class Job:
         return len(self.values)
 
     def wires(self):
-        """(output of the source FMU, input) for each moving or constant input, where a tool couples FMUs; one each, as Maestro
-        serves only one input of several that hang on an output."""
-        return [("wave", self.wave), *((f"lift{i + 1}", name) for i, name in enumerate(self.constants))]
+        """(output of the source FMU, input) for each moving or constant input, where a tool couples FMUs, else none; one each,
+        as Maestro serves only one input of several that hang on an output."""
+        return self.coupled * [("wave", self.wave), *((f"lift{i + 1}", name) for i, name in enumerate(self.constants))]
 
     def inputs(self, k):
-        """Values by name of the inputs that are not at their starts, held over step k."""
-        return {**self.constants, self.wave: self.values[k]}
+        """Values by name of the inputs that are not at their starts, held over step k; none where a source gives them."""
+        return {} if self.coupled else {**self.constants, self.wave: self.values[k]}
 
 
 def job():
