@@ -9,7 +9,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks.harness.problems import INSTANTS, Problem
-from tensegrity_core.reference import equations, instant, structure
+from tensegrity_core.reference import equations, instant
+from tensegrity_core.reference.structure import Structure
 
 from .ladder import Clock, Ladder, Run, timed, tolerances
 
@@ -21,7 +22,7 @@ class Article:
 
     def __init__(self, problem: Problem):
         model = problem.model
-        self.s = structure.structure(model)
+        self.s = Structure(model)
         force = problem.force.T * self.s.in_plane
         self.load = instant.Load(0.0, force, model.rest_length, np.zeros(len(model.strings)))
         self.shape = (3, 2 * len(model.nodes))
