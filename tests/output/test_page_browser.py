@@ -13,8 +13,9 @@ from PIL import Image
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
 from tensegrity_core.output.page import write_page
-from tests.support import push, scene
+from tests.support import element_scenes, push, scene
 from tests.support.browser import CHROMIUM, Browser
+from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, POLE, built
 from tests.support.tools import PAGE
 
 pytestmark = [CHROMIUM, PAGE]
@@ -63,6 +64,8 @@ def opened(browser, pages):
 
 def drag(browser, node, dx, dy, held="true"):
     """Pull a node with the mouse, and keep the button down until an expression is true."""
+    browser.run(f"{APP}.play(false)")  # else the node goes on while the pointer goes there; a pull lets it run again
+    browser.wait(f"!{APP}.stale")
     x, y = browser.run(f"{PLACE}({node})")
     browser.mouse("mouseMoved", x, y)
     browser.mouse("mousePressed", x, y, 1)
@@ -108,6 +111,34 @@ def test_a_node_follows_the_pointer_and_honeycombs_snap(opened, name, node):
     assert drawn == page.run(f"{APP}.honeycombs.snapped.flat().filter(Boolean).length")
     gap = page.run(f"Math.abs(Number.parseFloat({APP}.panel.gap.textContent))")
     assert gap < 1e-6  # J
+
+
+def models():
+    """What the built-in scenes have not: no strings, no ground, other planes, motors, moved nodes, memory, laws of any kind."""
+    yield from map(built, (PENDULUM, AFLOAT, LABORATORY))
+    yield from map(element_scenes.mast, ("memory", "mixed"))
+    for axes in ("xy", "yz"):
+        strings = {name: {"nodes": [node, "n2"], "material": "cable"} for name, node in (("s1", "n3"), ("s2", "n4"))}
+        yield built(POLE, name=axes, plane=axes, gravity=0.0, strings=strings, prestress={"tension": {"s2": 25.0}})
+
+
+def test_structures_of_any_kind_are_drawn_and_pulled(browser, tmp_path):
+    for model in models():
+        path = tmp_path / f"{model.name}.html"
+        write_page(path, model)
+        browser.problems.clear()
+        browser.open(path)
+        browser.wait(f"{APP} && {APP}.intervals.length > 2")
+        start = browser.run(f"{APP}.time")
+        node = int(model.free_nodes[-1])
+        x, y = drag(browser, node, 40, -60, f"{APP}.time > {start} + 0.3 || {APP}.live.failure")
+        force = max(map(abs, browser.run(f"[...{END}.force]")))
+        browser.mouse("mouseReleased", x, y)
+        browser.run(f"{APP}.names = 2; {APP}.show.reactions = true; {APP}.choose({{kind: 'node', index: {node}}})")
+        browser.wait(f"{APP}.time > {start} + 0.6 || {APP}.live.failure")
+        assert browser.run(f"{APP}.live.failure") is None and force > 0.0, model.name
+        assert browser.run("document.getElementById('notice').hidden"), model.name
+        assert not browser.problems, model.name
 
 
 def test_what_follows_is_the_librarys_motion(opened):

@@ -16,7 +16,7 @@ export class Legend {
     const bar = element("span", { class: "scale", style: `background: linear-gradient(90deg, ${stops})` });
     const most = short(structure.largest);
     const parts = [
-      element("span", { class: "entry" }, "tension 0 ", bar, ` ${most} N and more, wider where it is larger`),
+      element("span", { class: "entry" }, "tension 0 ", bar, ` ${most} N or more; wider: more`),
       sign('<path d="M1 3 Q11 12 21 3" stroke-dasharray="4 3"/>', "slack string"),
       sign('<path d="M1 6h20" stroke-width="4" stroke="var(--bar)"/>', "bar"),
     ];

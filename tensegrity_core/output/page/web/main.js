@@ -23,7 +23,10 @@ import { outcome } from "./words.js";
 const WORK = 14; // ms of simulation in a frame, at most
 const SLOWEST = 0.1; // s that one frame may stand for
 const LEDGER = 0.01; // share of the energy that has passed, by which a run may miss the balance
-const TEXT_EVERY = 100; // ms
+const TEXT_EVERY = 100; // ms between updates of numbers and curves
+const SELDOM = 250; // ms, where there is no graphics card
+const EVERY = 28; // ms between pictures, where there is no graphics card
+const REST = 250; // ms without a change, after which a picture is drawn with all pixels
 const PERSISTENT = 15; // frames beyond the end of a scale that stretch it
 
 class App {
@@ -57,7 +60,7 @@ class App {
       this.changed();
     };
     this.hand = new Hand(canvas, this.stage, this.structure, model, { choose: (what) => this.choose(what), pull: live && pull, release });
-    this.plots = new Plots(document.getElementById("plots"), record, { seek: (time) => this.seek(time) });
+    this.plots = new Plots(document.getElementById("plots"), record, { seek: (time) => this.seek(time) }, this.stage.software);
     this.plots.window = live ? 10 : null;
     this.panel = new Panel(this);
     this.transport = new Transport(this);
@@ -187,12 +190,15 @@ class App {
     const passed = Math.min(SLOWEST, Math.max(0, (now - (this.last ?? now)) / 1000));
     this.last = now;
     if (this.playing) this.#advance(passed);
-    if (!this.stale && !this.overlay.busy) return;
+    const resting = !this.playing && !this.stale && !this.overlay.busy;
+    if (resting && (this.still || now - this.drawn < REST)) return;
+    if (this.stage.software && now - this.drawn < EVERY) return;
+    this.still = resting;
     this.stale = false;
     const index = this.record.at(this.time);
     const frame = this.record.frames[index];
     this.#draw(frame, index, now);
-    if (now - (this.told ?? -Infinity) > TEXT_EVERY || !this.playing) this.#tell(frame, index, now);
+    if (now - (this.told ?? -Infinity) > (this.stage.software ? SELDOM : TEXT_EVERY) || !this.playing) this.#tell(frame, index, now);
     const time = performance.now() - begun;
     this.spent.push(time);
     if (this.spent.length > 240) this.spent.shift();
@@ -237,10 +243,9 @@ class App {
     this.structure.restLengths = this.live ? this.live.kernel.field("rest_length") : this.model.restLengths;
     const seen = { snapped: this.honeycombs.snapped, chosen: this.chosen, arrowScale: this.arrowScale, pulled: this.live?.pull?.node };
     this.structure.update(frame, { ...this.show, ...seen });
-    this.stage.draw(this.interval(now));
+    this.stage.draw(this.interval(now), this.still);
     const pull = this.live?.pull && { ...this.live.pull, force: this.#pulling(frame) };
     this.overlay.draw(now / 1000, this.names, this.chosen, pull);
-    this.transport.show(this.time);
   }
 
   #pulling(frame) {
@@ -260,6 +265,7 @@ class App {
 
   #tell(frame, index, now) {
     this.told = now;
+    this.transport.show(this.time);
     this.plots.update(this.time, index);
     const off = this.panel.show(frame, this.record.frames[0], this.playing && this.live ? (this.pace ?? null) : null);
     this.panel.list(this.record.transitions, this.time, (one) => outcome(this.model, one));

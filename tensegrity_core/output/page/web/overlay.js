@@ -25,12 +25,15 @@ export class Overlay {
   // names: 0 none, 1 nodes, 2 all; chosen: {kind, index} or null; pull: {node, target, force} or null
   draw(now, names, chosen, pull) {
     const { width, height } = this.stage;
+    const empty = !(names || chosen || pull || this.flashes.length);
+    if (this.canvas.hidden !== empty) this.canvas.hidden = empty; // a sheet that is not there costs nothing
+    if (empty) return;
     const ratio = Math.min(2, window.devicePixelRatio || 1);
     if (this.canvas.width !== Math.round(width * ratio) || this.canvas.height !== Math.round(height * ratio)) {
       this.canvas.width = Math.round(width * ratio);
       this.canvas.height = Math.round(height * ratio);
     }
-    const pen = this.canvas.getContext("2d");
+    const pen = this.canvas.getContext("2d", { willReadFrequently: this.stage.software }); // else software draws as a card would
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, width, height);
     pen.textAlign = "center";

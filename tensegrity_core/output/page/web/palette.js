@@ -6,15 +6,18 @@ import { Color, SRGBColorSpace } from "three";
 const PLASMA = ["#0d0887", "#41049d", "#6a00a8", "#8f0da4", "#b12a90", "#cc4778", "#e16462", "#f2844b", "#fca636", "#fcce25", "#f0f921"];
 const PART = { light: [0.02, 0.78], dark: [0.3, 0.95] };
 
-// Colours of curves, and how they are dashed: by Okabe and Ito.
-export const CURVES = [
-  ["#0072b2", []],
-  ["#d55e00", [9, 4]],
-  ["#009e73", [3, 3]],
-  ["#cc79a7", [12, 3, 3, 3]],
-  ["#56b4e9", [6, 6]],
-  ["#e69f00", [2, 5]],
-];
+// Colours of curves, after Okabe and Ito, and how curves are dashed.
+const CURVES = {
+  light: ["#0072b2", "#d55e00", "#009e73", "#b0487f", "#56b4e9", "#c98a00"],
+  dark: ["#56b4e9", "#f0894a", "#35c99a", "#e29ac2", "#9fd3f2", "#e6b84a"],
+};
+const DASHES = [[], [9, 4], [3, 3], [12, 3, 3, 3], [6, 6], [2, 5]];
+
+// Colour and dashes of the curve of this number.
+export function curve(number) {
+  const place = number % DASHES.length;
+  return [CURVES[theme()][place], DASHES[place]];
+}
 
 export function theme() {
   return document.documentElement.dataset.theme;

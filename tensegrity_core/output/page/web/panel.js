@@ -209,7 +209,8 @@ export class Panel {
       const pace = rate === null ? "" : `, ${rate.toFixed(2)} × real time`;
       this.work.textContent = `${of("steps")} steps, ${of("rejected")} rejected, ${of("transitions")} transitions${pace}`;
     }
-    return gap / Math.max(1e-9, energy(frame, "throughput"), Math.abs(energy(frame, "elastic")));
+    const passed = Math.abs(energy(frame, "potential") - energy(first, "potential")) + energy(frame, "kinetic");
+    return gap / Math.max(1e-9, passed, energy(frame, "throughput"), Math.abs(energy(frame, "elastic")));
   }
 
   // List the last transitions up to a time.

@@ -1,14 +1,14 @@
 // Curves over time, with a cursor at the instant that is shown.
 
 import uPlot from "uplot";
-import { css, CURVES } from "./palette.js";
+import { css, curve } from "./palette.js";
 
 const MOST_POINTS = 600;
 
 export class Plots {
   // parts: [{title, unit, least, series: [{name, value(frame)}]}], least: span of the axis; told: {seek(time)}
-  constructor(place, record, told) {
-    Object.assign(this, { place, record, told });
+  constructor(place, record, told, software) {
+    Object.assign(this, { place, record, told, software });
     this.charts = [];
     this.window = null; // s shown of a live run, null: all
   }
@@ -38,9 +38,9 @@ export class Plots {
     legend.className = "legend";
     box.append(caption, place, legend);
     this.place.append(box);
-    const values = part.series.map((one, i) => legendEntry(legend, one.name, CURVES[i % CURVES.length]));
+    const values = part.series.map((one, i) => legendEntry(legend, one.name, curve(i)));
     const axis = { stroke: css("--ink-soft"), grid: { stroke: css("--rule"), width: 1 }, ticks: { show: false }, font: "11px system-ui" };
-    const chart = new uPlot(
+    const chart = onProcessor(this.software, () => new uPlot(
       {
         width: place.clientWidth || 300,
         height: 120,
@@ -49,12 +49,12 @@ export class Plots {
         scales: { x: { time: false }, y: { range: (_, low, high) => roomy(low, high, part.least) } },
         padding: [6, 8, 0, 0],
         axes: [{ ...axis, size: 22, space: 50 }, { ...axis, size: 52, space: 26, values: (_, ticks) => ticks.map(short) }],
-        series: [{}, ...part.series.map((one, i) => ({ label: one.name, stroke: CURVES[i % CURVES.length][0], width: 1.6, dash: CURVES[i % CURVES.length][1], points: { show: false } }))],
+        series: [{}, ...part.series.map((one, i) => ({ label: one.name, stroke: curve(i)[0], width: 1.6, dash: curve(i)[1], points: { show: false } }))],
         hooks: { draw: [(u) => this.#drawMarks(u)] },
       },
       [[], ...part.series.map(() => [])],
       place,
-    );
+    ));
     chart.over.addEventListener("pointerdown", (event) => {
       const seek = (e) => this.told.seek(chart.posToVal(e.clientX - chart.over.getBoundingClientRect().left, "x"));
       seek(event);
@@ -112,6 +112,19 @@ function legendEntry(legend, name, [colour, dash]) {
   entry.append(name, " ", value);
   legend.append(entry);
   return value;
+}
+
+// Call a function whose canvases are drawn by the processor itself, where a graphics card would be played by it anyway.
+function onProcessor(software, make) {
+  const usual = HTMLCanvasElement.prototype.getContext;
+  if (software) HTMLCanvasElement.prototype.getContext = function (kind, options) {
+    return usual.call(this, kind, { ...options, willReadFrequently: true });
+  };
+  try {
+    return make();
+  } finally {
+    HTMLCanvasElement.prototype.getContext = usual;
+  }
 }
 
 // A range of at least this span around the numbers, with room above and below.

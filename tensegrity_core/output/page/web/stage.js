@@ -12,13 +12,15 @@ export const FOOT = 0.045; // height of a foot under a held node, of the structu
 const ELEVATION = (16 * Math.PI) / 180;
 const AZIMUTH = (-50 * Math.PI) / 180;
 const FIELD_OF_VIEW = 32;
-const SLOW = 30; // ms: frames that take longer are drawn with fewer pixels
+const SLOW = 42; // ms: frames that take longer are drawn with fewer pixels
+const LEAST = 0.7; // pixels along a side, of those that the page has
 
 export class Stage {
   constructor(canvas, model) {
     this.canvas = canvas;
     this.model = model;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.software = drawsBySoftware();
+    this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
     this.scene = new Scene();
     this.sun = new DirectionalLight(0xffffff, 2.2);
     this.scene.add(new AmbientLight(0xffffff, 1.6), this.sun);
@@ -30,7 +32,7 @@ export class Stage {
     this.controls.enableDamping = false;
     this.ground = new Group();
     this.scene.add(this.ground);
-    this.sharpness = Math.min(2, window.devicePixelRatio || 1);
+    this.sharpness = this.software ? 1 : Math.min(2, window.devicePixelRatio || 1);
     this.slow = 0;
     this.home();
     this.recolour();
@@ -96,12 +98,12 @@ export class Stage {
     const { centre, radius } = this.bounds();
     if (this.model.planar) {
       const below = height - FOOT * this.model.size;
-      this.ground.add(lines([[-40, 0, 40, 0]].map((l) => l.map((v) => v * radius)), css("--ground-line"), centre, below, true));
+      this.ground.add(lines([[-40, 0, 40, 0]].map((l) => l.map((v) => v * radius)), css("--mark"), centre, below, true));
       const hatches = Array.from({ length: 161 }, (_, i) => {
         const x = (i - 80) * 0.08 * radius;
         return [x, 0, x - 0.05 * radius, -0.05 * radius];
       });
-      this.ground.add(lines(hatches, css("--ground-line"), centre, below, true));
+      this.ground.add(lines(hatches, css("--mark"), centre, below, true));
       return;
     }
     const extent = 1.75 * radius;
@@ -117,14 +119,18 @@ export class Stage {
     this.gridStep = step;
   }
 
-  // Draw; time: what the last frames took, ms, which decides how many pixels there are.
-  draw(time) {
+  // Draw; time: between the last frames, ms, which decides how many pixels there are; still: a picture that stays for a while,
+  // with as many as there can be.
+  draw(time, still = false) {
+    const moving = this.sharpness;
+    if (still) this.sharpness = 2;
     this.resize();
+    this.sharpness = moving;
     this.sun.position.copy(this.camera.position).add(new Vector3(0, 0, 2 * this.radius));
     this.renderer.render(this.scene, this.camera);
     this.slow = time > SLOW ? this.slow + 1 : Math.max(0, this.slow - 1);
-    if (this.slow > 20 && this.sharpness > 0.6) {
-      this.sharpness = Math.max(0.6, 0.8 * this.sharpness);
+    if (this.slow > 20 && this.sharpness > LEAST) {
+      this.sharpness = Math.max(LEAST, 0.85 * this.sharpness);
       this.slow = 0;
     }
   }
@@ -140,6 +146,16 @@ export class Stage {
     const depth = like.clone().project(this.camera).z;
     return new Vector3((2 * x) / this.width - 1, 1 - (2 * y) / this.height, depth).unproject(this.camera);
   }
+}
+
+// Whether there is no graphics card: then smooth edges cost more than they are worth.
+function drawsBySoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return false;
+  const names = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
 
 function gridStep(radius) {

@@ -111,20 +111,29 @@ export class Structure {
     else coloured(tube(this.strings, a, b, wide), colour);
   }
 
-  // Dashes along a curve that hangs by the spare length.
-  #drawSlack(string, wide, colour) {
+  // How far the string from a to b hangs down, m, by its spare length; `down` is where to.
+  #sag(string) {
     const length = a.distanceTo(b);
     const spare = Math.max(0, this.restLengths[string] - length);
-    const deep = Math.max(0.03 * length, Math.min(0.3 * length, Math.sqrt(0.375 * (length + spare) * spare)));
     this.#sagging(down);
-    let last = null;
-    const floor = this.model.floor ?? -Infinity;
-    for (let i = 0; i <= 2 * DASHES; i++) {
-      const t = i / (2 * DASHES);
-      c.lerpVectors(a, b, t).addScaledVector(down, 4 * deep * t * (1 - t));
-      if (c.z < floor) c.z = floor;
-      if (last && i % 2 === 1) coloured(tube(this.strings, last, c, wide), colour);
-      last = (last ?? new Vector3()).copy(c);
+    return Math.max(0.03 * length, Math.min(0.3 * length, Math.sqrt(0.375 * (length + spare) * spare)));
+  }
+
+  // The point at a share of the way from a to b, of a string that hangs so deep.
+  #along(share, deep, out) {
+    out.lerpVectors(a, b, share).addScaledVector(down, 4 * deep * share * (1 - share));
+    if (deep && out.z < (this.model.floor ?? -Infinity)) out.z = this.model.floor;
+    return out;
+  }
+
+  // Dashes of a slack string, between two shares of the way.
+  #drawSlack(string, wide, colour, deep = this.#sag(string), from = 0, to = 1) {
+    const dashes = Math.max(2, Math.round(DASHES * (to - from)));
+    const step = (to - from) / (2 * dashes - 1);
+    for (let i = 0; i < dashes; i++) {
+      this.#along(from + 2 * i * step, deep, e);
+      this.#along(from + (2 * i + 1) * step, deep, f);
+      coloured(tube(this.strings, e, f, wide), colour);
     }
   }
 
@@ -150,32 +159,30 @@ export class Structure {
     const weights = snapped.map((one) => (one ? 1.55 : 1));
     const unit = row / weights.reduce((sum, one) => sum + one, 0);
     const tall = Math.min(0.026 * size, 1.1 * unit);
-    c.copy(a).addScaledVector(d, 0.5 * (length - row));
-    this.#line(a, c, wide, colour, slack);
-    across.subVectors(this.stage.camera.position, c);
+    const deep = slack ? this.#sag(string) : 0;
+    const first = 0.5 * (1 - row / length);
+    this.#line(string, 0, first, wide, colour, deep);
+    this.#line(string, 1 - first, 1, wide, colour, deep);
+    d.subVectors(b, a).divideScalar(length);
+    across.subVectors(this.stage.camera.position, this.#along(0.5, deep, c));
     if (this.stage.camera.isOrthographicCamera) across.subVectors(this.stage.camera.position, this.stage.controls.target);
     across.addScaledVector(d, -across.dot(d)).normalize();
     side.crossVectors(across, d);
+    let reached = first * length;
     snapped.forEach((one, beam) => {
       const long = unit * weights[beam];
-      e.copy(c).addScaledVector(d, 0.5 * long).addScaledVector(across, 0.4 * this.thick);
+      this.#along((reached + 0.5 * long) / length, deep, e).addScaledVector(across, 0.4 * this.thick);
       matrix.makeBasis(f.copy(d).multiplyScalar(0.5 * long), g.copy(side).multiplyScalar(one ? 0.62 * tall : tall), across);
       const mesh = one ? this.full : this.open;
       coloured(put(mesh, matrix.setPosition(e)), colour);
-      c.addScaledVector(d, long);
+      reached += long;
     });
-    this.#line(c, b, wide, colour, slack);
   }
 
-  // A straight string, dashed where it is slack.
-  #line(from, to, wide, colour, slack) {
-    if (!slack) return void coloured(tube(this.strings, from, to, wide), colour);
-    const dashes = Math.floor(DASHES / 2);
-    for (let i = 0; i < dashes; i++) {
-      e.lerpVectors(from, to, i / (dashes - 0.5));
-      f.lerpVectors(from, to, Math.min(1, (i + 0.5) / (dashes - 0.5)));
-      coloured(tube(this.strings, e, f, wide), colour);
-    }
+  // A part of an NSH string beside its cells, between two shares of the way.
+  #line(string, from, to, wide, colour, deep) {
+    if (deep) this.#drawSlack(string, wide, colour, deep, from, to);
+    else coloured(tube(this.strings, this.#along(from, 0, e), this.#along(to, 0, f), wide), colour);
   }
 
   #drawArrows(frame, shown) {
@@ -189,7 +196,8 @@ export class Structure {
     if (shown.reactions) {
       model.vectors(model.of(frame, "reaction"), model.grounded, (node, x, y, z) => {
         b.set(x, y, z).multiplyScalar(scale);
-        this.#arrow(a.copy(this.node(node, a)).sub(b), b, true);
+        const apart = (1.2 * FOOT * model.size) / (b.length() || 1); // its tip shows beside the foot
+        this.#arrow(this.node(node, a).addScaledVector(b, -1 - apart), b, true);
       });
     }
   }
