@@ -220,7 +220,7 @@ def test_names_and_numbers_are_shown_on_demand(opened):
 
 def test_a_run_is_played_back_to_its_end(opened):
     page = opened("run")
-    page.wait(f"{APP}.time === {APP}.record.end && !{APP}.playing")
+    page.wait(f"{APP}.time === {APP}.record.end && !{APP}.playing && !{APP}.stale")
     model = scene("three_bar_nsh")
     force = push(model)
     result = simulate(model, held(model, grid(1.0, 0.01), force=lambda t: force))
