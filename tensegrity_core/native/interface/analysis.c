@@ -15,10 +15,7 @@
 
 int ts_output_derivatives(ts_sim *sim, double *out)
 {
-    if (!sim->memory.started) {
-        ts_say(sim, "initialize first");
-        return TS_BAD_STEP;
-    }
+    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
     ts_memory memory = sim->memory;
     ts_swap_applied(sim);
     ts_derive(sim);
@@ -26,8 +23,7 @@ int ts_output_derivatives(ts_sim *sim, double *out)
     ts_swap_back(sim);
     sim->memory = memory; /* looking changes nothing, not even the count of right-hand sides */
     if (ts_all_finite(out, sim->m.n_real - sim->m.n_applied)) return TS_OK;
-    ts_say(sim, "a derivative of an output is not a finite number");
-    return TS_NOT_FINITE;
+    return ts_say(sim, TS_NOT_FINITE, "a derivative of an output is not a finite number");
 }
 
 void ts_locate(ts_sim *sim, int on) { sim->call.unlocated = !on; }

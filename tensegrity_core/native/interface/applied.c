@@ -16,8 +16,7 @@ int ts_build_curves(ts_sim *sim)
 {
     const char *reason = ts_curves_build(&sim->laws, &sim->m, sim->io.values);
     if (!reason) return TS_OK;
-    ts_say(sim, reason);
-    return strcmp(reason, "out of memory") ? TS_BAD_INPUT : TS_BAD_MODEL;
+    return ts_say(sim, strcmp(reason, "out of memory") ? TS_BAD_INPUT : TS_BAD_MODEL, reason);
 }
 
 /* Steps under error control see the formula of a piece go on smoothly past its ends.  A fixed step that is far too long would see a

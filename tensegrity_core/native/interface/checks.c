@@ -17,15 +17,15 @@ static const struct {
 #undef ROW
 };
 
-/* Is a value of this field acceptable?  If not, say why. */
+/* Is a value of this field acceptable? */
 static int accept(ts_sim *sim, int field, double x)
 {
     double low = bounds[field].low, high = bounds[field].high;
-    if (isfinite(x) && x >= low && x <= high) return 1;
-    if (!isfinite(x)) ts_say(sim, "is not a finite number");
-    else if (high < DBL_MAX) snprintf(sim->told.message, sizeof sim->told.message, "must lie between %g and %g", low, high);
-    else ts_say(sim, low > 0.0 ? "must be positive" : "must not be negative");
-    return 0;
+    char between[64];
+    if (isfinite(x) && x >= low && x <= high) return TS_OK;
+    if (!isfinite(x)) return ts_say(sim, TS_BAD_INPUT, "is not a finite number");
+    snprintf(between, sizeof between, "must lie between %g and %g", low, high);
+    return ts_say(sim, TS_BAD_INPUT, high < DBL_MAX ? between : low > 0.0 ? "must be positive" : "must not be negative");
 }
 
 /* Only a law with memory knows beams that are not metastable.  The first that is not where it must be, or -1. */
@@ -57,7 +57,7 @@ static int check_fields(ts_sim *sim, int end, int32_t *index)
     const ts_model *m = &sim->m;
     for (int f = 0; f < end; f++)
         for (int i = m->at[f]; i < m->at[f + 1]; i++) {
-            if (accept(sim, f, sim->io.values[i])) continue;
+            if (accept(sim, f, sim->io.values[i]) == TS_OK) continue;
             *index = i;
             return TS_BAD_INPUT;
         }
@@ -69,24 +69,11 @@ int ts_check(ts_sim *sim, int32_t *index)
     const ts_model *m = &sim->m;
     int method = sim->io.integers[m->int_at[TS_INT_METHOD]], status = check_fields(sim, TS_POSITION, index);
     if (status != TS_OK) return status;
-    int beam = wrong_beam(sim);
-    if (beam >= 0) {
-        *index = beam;
-        ts_say(sim, "must lie between 2 and 8 (a metastable beam)");
-        return TS_BAD_INPUT;
-    }
-    int mass = wrong_mass(sim);
-    if (mass >= 0) {
-        *index = mass;
-        ts_say(sim, "must be positive: the node is on no bar and has no other mass");
-        return TS_BAD_INPUT;
-    }
-    if (method < 0 || method >= TS_METHOD_COUNT) {
-        *index = m->n_real + m->int_at[TS_INT_METHOD];
-        ts_say(sim, "is not a method");
-        return TS_BAD_INPUT;
-    }
-    return TS_OK;
+    if ((*index = wrong_beam(sim)) >= 0) return ts_say(sim, TS_BAD_INPUT, "must lie between 2 and 8 (a metastable beam)");
+    if ((*index = wrong_mass(sim)) >= 0)
+        return ts_say(sim, TS_BAD_INPUT, "must be positive: the node is on no bar and has no other mass");
+    *index = m->n_real + m->int_at[TS_INT_METHOD];
+    return method < 0 || method >= TS_METHOD_COUNT ? ts_say(sim, TS_BAD_INPUT, "is not a method") : TS_OK;
 }
 
 /* Smallest rest length of a string within the step, m: at an end, or where its rate, a quadratic, is zero. */
@@ -109,27 +96,17 @@ int ts_check_change(ts_sim *sim, double h)
     int status = check_fields(sim, TS_BAR_MASS, &index); /* those behind it must not change */
     if (status != TS_OK) return status;
     int same = sim->io.integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
-    for (int i = 0; i < 2 * sim->m.n_inputs; i++)
-        if (!isfinite(sim->io.slopes[i])) {
-            ts_say(sim, "the derivative of an input is not a finite number");
-            return TS_BAD_INPUT;
-        }
+    if (!ts_all_finite(sim->io.slopes, 2 * m->n_inputs))
+        return ts_say(sim, TS_BAD_INPUT, "the derivative of an input is not a finite number");
     for (int i = m->at[TS_BAR_MASS]; i < sim->m.n_applied; i++) same = same && sim->io.values[i] == sim->io.applied[i];
-    if (!same) {
-        ts_say(sim, "a fixed parameter was changed after initialization");
-        return TS_BAD_INPUT;
-    }
+    if (!same) return ts_say(sim, TS_BAD_INPUT, "a fixed parameter was changed after initialization");
     for (int i = 0; m->string.curved_count && i < m->count[TS_S]; i++)
-        if (sim->laws.curve[i].branches &&
-            sim->io.values[m->at[TS_STIFFNESS] + i] != sim->io.applied[m->at[TS_STIFFNESS] + i]) {
-            ts_say(sim, "the stiffness of a string with memory (the hysteretic law) was changed after initialization");
-            return TS_BAD_INPUT;
-        }
+        if (sim->laws.curve[i].branches && sim->io.values[m->at[TS_STIFFNESS] + i] != sim->io.applied[m->at[TS_STIFFNESS] + i])
+            return ts_say(sim, TS_BAD_INPUT,
+                          "the stiffness of a string with memory (the hysteretic law) was changed after initialization");
     for (int i = 0; i < m->count[TS_S]; i++)
-        if (sim->rest.moves && shortest_rest_length(&sim->rest, i, h) < -4.0 * DBL_EPSILON * sim->rest.length[i]) {
-            ts_say(sim, "a rest length would become negative within the step");
-            return TS_BAD_INPUT;
-        }
+        if (sim->rest.moves && shortest_rest_length(&sim->rest, i, h) < -4.0 * DBL_EPSILON * sim->rest.length[i])
+            return ts_say(sim, TS_BAD_INPUT, "a rest length would become negative within the step");
     return TS_OK;
 }
 

@@ -4,6 +4,6 @@
 
 #include "tensegrity.h"
 
-void ts_say(ts_sim *sim, const char *text);
+int ts_say(ts_sim *sim, int status, const char *text);
 
 #endif

@@ -116,10 +116,8 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
         memcpy(&hash, (const char *)bytes + size - sizeof hash, sizeof hash);
     }
     if (size != ts_state_size(sim) || header.magic != STATE_MAGIC || header.model != sim->m.packed.hash ||
-        hash != ts_fnv(bytes, size - sizeof hash)) {
-        ts_say(sim, "the saved state is damaged, of another version or of another model");
-        return TS_BAD_STATE;
-    }
+        hash != ts_fnv(bytes, size - sizeof hash))
+        return ts_say(sim, TS_BAD_STATE, "the saved state is damaged, of another version or of another model");
     copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->told.count = 0;
     int possible = sim->memory.started || sim->memory.span.h == 0.0;
@@ -133,6 +131,5 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     ts_swap_back(sim);
     if (possible) return TS_OK;
     ts_reset(sim);
-    ts_say(sim, "the saved state is none that a simulation comes to; the simulation has been reset");
-    return TS_BAD_STATE;
+    return ts_say(sim, TS_BAD_STATE, "the saved state is none that a simulation comes to; the simulation has been reset");
 }

@@ -52,8 +52,7 @@ int ts_reset(ts_sim *sim)
     sim->told.count = 0;
     int status =
         ts_check(sim, &index) == TS_OK ? ts_build_curves(sim) : TS_OK; /* else ts_initialize() will say what is wrong */
-    if (status == TS_OK) ts_say(sim, "");
-    return status;
+    return status == TS_OK ? ts_say(sim, TS_OK, "") : status;
 }
 
 void ts_free(ts_sim *sim)
@@ -100,16 +99,20 @@ static void move_to_centres(ts_sim *sim)
                 sim->state.y[at] += (m->bar.floating[i].lower - 0.5) * sim->state.y[at + D];
 }
 
+/* From now on these inputs and parameters are the last step's. */
+static void apply(const ts_model *m, ts_io *io)
+{
+    memcpy(io->applied, io->values, sizeof(double) * (size_t)m->n_applied);
+    memcpy(io->applied_slopes, io->slopes, 2 * sizeof(double) * (size_t)m->n_inputs);
+}
+
 int ts_initialize(ts_sim *sim, double time)
 {
     const ts_model *m = &sim->m;
     int32_t index;
     int status = ts_check(sim, &index);
     if (status != TS_OK) return status;
-    if (!isfinite(time)) {
-        ts_say(sim, "the start time is not a finite number");
-        return TS_BAD_STEP;
-    }
+    if (!isfinite(time)) return ts_say(sim, TS_BAD_STEP, "the start time is not a finite number");
     status = ts_build_curves(sim);
     if (status != TS_OK) {
         ts_keep_curves(sim);
@@ -125,8 +128,7 @@ int ts_initialize(ts_sim *sim, double time)
     ts_set_reach(sim);
     sim->told.count = 0;
     memcpy(sim->state.y, m->y_start, sizeof(double) * (size_t)m->ny);
-    memcpy(sim->io.applied, sim->io.values, sizeof(double) * (size_t)sim->m.n_applied);
-    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
+    apply(&sim->m, &sim->io);
     ts_prepare(sim);
     move_to_centres(sim);
     ts_project(&sim->m, sim->state.y);
@@ -140,10 +142,8 @@ int ts_initialize(ts_sim *sim, double time)
         sim->io.values[i] = NAN; /* an output that nothing fills is found below */
     ts_outputs(sim, 0.0);
     status = ts_check_outputs(sim, "at the start");
-    if (!ts_all_finite(sim->start.f, 2 * m->nq)) {
-        ts_say(sim, "the accelerations at the start are not finite numbers");
-        status = TS_NOT_FINITE;
-    }
+    if (!ts_all_finite(sim->start.f, 2 * m->nq))
+        status = ts_say(sim, TS_NOT_FINITE, "the accelerations at the start are not finite numbers");
     if (status != TS_OK) sim->memory.started = 0;
     return status;
 }
@@ -184,9 +184,8 @@ static int inputs_move(const ts_sim *sim)
 
 static int wound_up(ts_sim *sim)
 {
-    if (!ts_wound_up(sim)) return TS_OK;
-    ts_say(sim, "an actuator has wound its string up completely: lower its current, or give the string more rest length");
-    return TS_WOUND_UP;
+    const char *why = "an actuator has wound its string up completely: lower its current, or give the string more rest length";
+    return ts_wound_up(sim) ? ts_say(sim, TS_WOUND_UP, why) : TS_OK;
 }
 
 /* Take over new inputs: pieces anew; the jump of the stored energy and what snaps dissipate go into the input work. */
@@ -260,10 +259,8 @@ int ts_step(ts_sim *sim, double h)
     size_t bytes = sizeof(double) * (size_t)sim->m.n_applied;
     ts_memory memory;
     int status = TS_OK;
-    if (!sim->memory.started || !(h > 0.0) || !isfinite(h)) {
-        ts_say(sim, sim->memory.started ? "the step must be positive and finite" : "initialize first");
-        return TS_BAD_STEP;
-    }
+    if (!sim->memory.started || !(h > 0.0) || !isfinite(h))
+        return ts_say(sim, TS_BAD_STEP, sim->memory.started ? "the step must be positive and finite" : "initialize first");
     int sloped = ts_sloped(&sim->m, &sim->io);
     int changed = sloped || sim->memory.sloped || memcmp(sim->io.values, sim->io.applied, bytes) || inputs_move(sim) ||
                   sim->io.integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
@@ -285,7 +282,6 @@ int ts_step(ts_sim *sim, double h)
         if (told) recall_outputs(sim);
         return status;
     }
-    memcpy(sim->io.applied, sim->io.values, bytes);
-    memcpy(sim->io.applied_slopes, sim->io.slopes, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
+    apply(&sim->m, &sim->io);
     return TS_OK;
 }

@@ -7,6 +7,7 @@
  * a trial step may look beyond. */
 #include "laws/curve.h"
 #include "invariants.h"
+#include "linear/pairs.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -27,7 +28,7 @@ ts_piece ts_piece_of(int kind, double lo, double hi, int snapped)
 }
 
 /* f(t) of a row and its derivative by t. */
-static double row_force(const double *row, double t, double *slope)
+ALWAYS_INLINE double row_force(const double *row, double t, double *slope)
 {
     double f = row[1 + TS_DEGREE], d = 0.0;
     for (int i = TS_DEGREE; i >= 1; i--) {
@@ -129,13 +130,9 @@ static double other_force(const ts_piece *p, const double *table, double reach, 
 double ts_piece_force(const ts_piece *p, const double *table, double reach, double x, double k, double *stiffness)
 {
     if (p->kind != TS_ROWS) return other_force(p, table, reach, x, k, stiffness);
-    double t;
-    const double *row = piece_row(p, table, x, &t) + 1;
-    double f = row[TS_DEGREE], d = 0.0, straight = beyond(reach, &t);
-    for (int i = TS_DEGREE - 1; i >= 0; i--) {
-        d = d * t + f;
-        f = f * t + row[i];
-    }
+    double t, d;
+    const double *row = piece_row(p, table, x, &t);
+    double straight = beyond(reach, &t), f = row_force(row, t, &d);
     *stiffness = d * p->scale;
     return f + d * straight;
 }
@@ -145,20 +142,12 @@ double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *
     return ts_piece_force(c->piece + piece, c->table, c->reach, x, k, stiffness);
 }
 
-/* Integral over t of a row's force, from 0. */
-static double row_area(const double *row, double t)
+/* Integral over t of a row's force, times t where first is 1, from 0. */
+static double row_integral(const double *row, double t, int first)
 {
     double sum = 0.0;
-    for (int i = TS_DEGREE; i >= 0; i--) sum = sum * t + row[1 + i] / (i + 1);
-    return sum * t;
-}
-
-/* Integral over t of a row's force times t. */
-static double row_moment(const double *row, double t)
-{
-    double sum = 0.0;
-    for (int i = TS_DEGREE; i >= 0; i--) sum = sum * t + row[1 + i] / (i + 2);
-    return sum * t * t;
+    for (int i = TS_DEGREE; i >= 0; i--) sum = sum * t + row[1 + i] / (i + 1 + first);
+    return first ? sum * t * t : sum * t;
 }
 
 /* With x = fold -+ s^2 the energy is the integral of -+2 s T ds from the row's start s0. */
@@ -168,7 +157,7 @@ static double fold_energy(const ts_piece *p, const double *table, double reach, 
     const double *row = piece_row(p, table, s, &t);
     double s0 = s - t * w, straight = beyond(reach, &t), side = p->kind == TS_FOLD_ABOVE ? -1.0 : 1.0;
     if (s == 0.0) return row[0] + row[1] * past;
-    double energy = row[0] + side * 2.0 * w * (s0 * row_area(row, t) + w * row_moment(row, t));
+    double energy = row[0] + side * 2.0 * w * (s0 * row_integral(row, t, 0) + w * row_integral(row, t, 1));
     if (straight != 0.0) { /* (f + d r)(s1 + w r), r = 0..straight */
         double f = row_force(row, t, &d), s1 = s0 + t * w;
         energy += side * 2.0 * w * straight * (f * s1 + 0.5 * straight * (d * s1 + f * w + 2.0 / 3.0 * d * w * straight));
@@ -187,7 +176,7 @@ double ts_piece_energy(const ts_piece *p, const double *table, double reach, dou
     if (p->kind == TS_FOLD_ABOVE || p->kind == TS_FOLD_BELOW) return fold_energy(p, table, reach, x);
     double t, slope, scale = p->scale, past = 0.0;
     const double *row = p->kind == TS_ROWS ? piece_row(p, table, x, &t) : uneven_row(p, table, x, &t, &scale);
-    double straight = beyond(reach, &t), area = row_area(row, t);
+    double straight = beyond(reach, &t), area = row_integral(row, t, 0);
     if (straight != 0.0) {
         double f = row_force(row, t, &slope);
         past = straight * (f + 0.5 * slope * straight);
@@ -209,7 +198,8 @@ double ts_piece_integrate(const ts_piece *p, double *table, double energy)
         double *row = table + TS_ROW * (p->first + i), width = even || fold ? w : ts_row_width(p, i, &begin);
         double side = p->kind == TS_FOLD_ABOVE ? -2.0 : 2.0;
         row[0] = energy;
-        energy += fold ? side * w * w * (i * row_area(row, 1.0) + row_moment(row, 1.0)) : row_area(row, 1.0) * width;
+        energy += fold ? side * w * w * (i * row_integral(row, 1.0, 0) + row_integral(row, 1.0, 1))
+                       : row_integral(row, 1.0, 0) * width;
     }
     if (p->kind != TS_FOLD_ABOVE) return energy;
     double whole = start - energy; /* its rows go down from the fold */
@@ -234,6 +224,14 @@ void ts_curve_chain(ts_curve *c)
         c->piece[i].loss_down = c->piece[i].loss_up = 0.0;
     }
     c->branches = 0;
+}
+
+/* Room for rows behind those of a table: the first of them; NULL: out of memory. */
+double *ts_rows_behind(double **table, int32_t rows, int32_t more)
+{
+    double *all = (double *)realloc(*table, sizeof *all * TS_ROW * ((size_t)rows + (size_t)more));
+    if (all) *table = all;
+    return all ? all + TS_ROW * (size_t)rows : NULL;
 }
 
 /* A string that is a spring of stiffness k: the straight piece alone. */

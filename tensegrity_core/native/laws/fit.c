@@ -8,7 +8,6 @@
 #include "laws/polynomial.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define MOST_OCTAVES 40
@@ -47,13 +46,11 @@ double ts_fit_row(double (*force)(void *, double), void *law, double a, double w
 /* A straight piece that begins with `force`; of one without end the subinterval is a power of two, which changes no digits. */
 const char *ts_fit_line(ts_piece *p, double **table, int32_t *rows, double force, double k)
 {
-    double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + 1)),
-           w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
-    if (!more) return "out of memory";
-    *table = more;
-    memset(more + TS_ROW * *rows, 0, sizeof(double) * TS_ROW);
-    more[TS_ROW * *rows + 1] = force;
-    more[TS_ROW * *rows + 2] = k * w;
+    double *row = ts_rows_behind(table, *rows, 1), w = p->hi < INFINITY ? p->hi - p->lo : 1024.0;
+    if (!row) return "out of memory";
+    memset(row, 0, sizeof(double) * TS_ROW);
+    row[1] = force;
+    row[2] = k * w;
     p->kind = TS_ROWS;
     p->rows = 1;
     p->first = (*rows)++;
@@ -68,10 +65,9 @@ static const char *fit_fold(ts_piece *p, double **table, int32_t *rows, double (
     double last = INFINITY, range = sqrt(p->hi - p->lo);
     for (p->rows = 1;; p->rows *= 2) {
         double worst = 0.0, w = range / p->rows;
-        double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, more + TS_ROW * (*rows + i)));
+        double *row = ts_rows_behind(table, *rows, p->rows);
+        if (!row) return "out of memory";
+        for (int i = 0; i < p->rows; i++) worst = fmax(worst, ts_fit_row(force, at, i * w, w, row + TS_ROW * i));
         int no_more_digits = worst <= 50.0 * error && worst > 0.25 * last;
         if (worst <= error || p->rows >= TS_MAX_ROWS || no_more_digits) {
             p->first = *rows;
@@ -120,14 +116,13 @@ static const char *fit_graded(ts_piece *p, double **table, int32_t *rows, double
     }
     if (p->each > MOST_EACH) p->each = MOST_EACH, p->octaves[0] = p->octaves[1] = 20; /* as good as it gets */
     p->rows = p->each * (p->octaves[0] + p->octaves[1]);
-    double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-    if (!more) return "out of memory";
-    *table = more;
+    double *row = ts_rows_behind(table, *rows, p->rows);
+    if (!row) return "out of memory";
     p->first = *rows;
     *rows += p->rows;
     for (int i = 0; i < p->rows; i++) {
         double w = ts_row_width(p, i, &begin);
-        ts_fit_row(force, at, begin, w, more + TS_ROW * (p->first + i));
+        ts_fit_row(force, at, begin, w, row + TS_ROW * i);
     }
     return NULL;
 }
@@ -138,13 +133,12 @@ static const char *fit_even(ts_piece *p, double **table, int32_t *rows, double (
 {
     for (p->rows = 1; p->rows <= MOST_EVEN; p->rows *= 2) {
         double w = (p->hi - p->lo) / p->rows;
-        double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
+        double *row = ts_rows_behind(table, *rows, p->rows);
         int done = 0;
-        if (!more) return "out of memory";
-        *table = more;
+        if (!row) return "out of memory";
         for (; done < p->rows; done++) {
             int i = done == 0 ? p->rows - 1 : done - 1;
-            if (ts_fit_row(force, at, p->lo + i * w, w, more + TS_ROW * (*rows + i)) > error) break;
+            if (ts_fit_row(force, at, p->lo + i * w, w, row + TS_ROW * i) > error) break;
         }
         if (done < p->rows) continue;
         p->kind = TS_ROWS;
@@ -178,11 +172,10 @@ const char *ts_fit_open(ts_piece *p, double **table, int32_t *rows, double (*for
     for (p->each = 1;; p->each *= 2) {
         double worst = 0.0, begin;
         p->rows = p->each * TS_OCTAVES;
-        double *more = (double *)realloc(*table, sizeof *more * TS_ROW * ((size_t)*rows + (size_t)p->rows));
-        if (!more) return "out of memory";
-        *table = more;
-        for (int i = 0; i < p->rows; i++) {
-            double width = ts_row_width(p, i, &begin), *row = more + TS_ROW * (*rows + i);
+        double *row = ts_rows_behind(table, *rows, p->rows);
+        if (!row) return "out of memory";
+        for (int i = 0; i < p->rows; i++, row += TS_ROW) {
+            double width = ts_row_width(p, i, &begin);
             double error = ts_fit_row(force, at, begin, width, row);
             worst = fmax(worst, error / fmax(size, ts_polynomial(row + 1, 1.0)));
         }

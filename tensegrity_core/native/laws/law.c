@@ -45,14 +45,11 @@ void ts_law_append(ts_law *law, ts_law_piece piece)
 void ts_law_append_polynomial(ts_law *law, double lo, double hi, const double *c, double end_force, int way, int snapped,
                               int smooth)
 {
-    double *table = (double *)realloc(law->table, sizeof *table * TS_ROW * ((size_t)law->rows + 1));
-    double w = hi < INFINITY ? hi - lo : WIDE;
-    if (!table) {
+    double *row = ts_rows_behind(&law->table, law->rows, 1), w = hi < INFINITY ? hi - lo : WIDE, power = 1.0;
+    if (!row) {
         law->reason = "out of memory";
         return;
     }
-    law->table = table;
-    double *row = table + TS_ROW * law->rows, power = 1.0;
     for (int k = 0; k <= TS_DEGREE; k++, power *= w) row[1 + k] = c[k] * power;
     ts_piece p = ts_piece_of(TS_ROWS, lo, hi, snapped);
     p.rows = 1;

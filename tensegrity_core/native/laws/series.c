@@ -93,13 +93,12 @@ static void snap(climb *c, int j)
             return;
         }
         if (!done && !(end < INFINITY)) continue; /* there is no more: the loop says so */
-        double *table = (double *)realloc(c->law->table, sizeof *table * TS_ROW * ((size_t)c->law->rows + (size_t)p.rows));
-        if (!table) {
+        double *rows = ts_rows_behind(&c->law->table, c->law->rows, p.rows);
+        if (!rows) {
             c->law->reason = "out of memory";
             return;
         }
-        memcpy(table + TS_ROW * c->law->rows, part->table + TS_ROW * p.first, sizeof *table * TS_ROW * (size_t)p.rows);
-        c->law->table = table;
+        memcpy(rows, part->table + TS_ROW * p.first, sizeof *rows * TS_ROW * (size_t)p.rows);
         p.first = c->law->rows;
         c->law->rows += p.rows;
         c->at[j] = i;
