@@ -265,30 +265,29 @@ FMI2_Export fmi2Status fmi2Reset(fmi2Component c)
 
 /* -------------------------------------------------------------------------------------------------------------- values */
 
-/* Position of the first value reference outside first..end-1, or without a variable, or n. */
-static size_t stray(const variable_table *t, const fmi2ValueReference vr[], size_t n, int32_t first, int32_t end)
-{
-    size_t i = 0, known = 0;
-    while (i < n && vr[i] >= (uint32_t)first && vr[i] < (uint32_t)end) i++;
-    if (!t->gaps) return i;
-    while (known < i && *t->name[vr[known]]) known++;
-    return known;
-}
-
-static fmi2Status no_such(const instance *fmu, const char *what, fmi2ValueReference vr, const char *type)
+/* fmi2OK where values and the variables of these references are there, all of first..end-1; type: what these are. */
+static fmi2Status known(const instance *fmu, const char *what, const fmi2ValueReference vr[], size_t n, const void *values,
+                        int32_t first, int32_t end, const char *type)
 {
     char why[96];
-    snprintf(why, sizeof why, "no %s variable has the value reference %u", type, vr);
-    return refuse(fmu, what, why);
+    if (n && (!vr || !values)) return refuse(fmu, what, "a null pointer was passed");
+    for (size_t i = 0; i < n; i++) {
+        if (vr[i] >= (uint32_t)first && vr[i] < (uint32_t)end && (!fmu->table.gaps || *fmu->table.name[vr[i]])) continue;
+        snprintf(why, sizeof why, "no %s variable has the value reference %u", type, vr[i]);
+        return refuse(fmu, what, why);
+    }
+    return fmi2OK;
 }
+
+#define REQUIRE_KNOWN(values, first, end, type)                                      \
+    fmi2Status known_status = known(fmu, __func__, vr, n, values, first, end, type); \
+    if (known_status != fmi2OK) return known_status
 
 /* Some importers read every output as a Real; references are unique over the types, so that an integer is clear. */
 FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     REQUIRE(c, AFTER_START, fmi2Discard);
-    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.count);
-    if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
+    REQUIRE_KNOWN(value, 0, fmu->table.count, "Real");
     if (n && fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     const uint32_t reals = (uint32_t)fmu->table.reals;
     for (size_t i = 0; i < n; i++) value[i] = vr[i] < reals ? fmu->values[vr[i]] : fmu->integers[vr[i] - reals];
@@ -298,9 +297,7 @@ FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[
 FMI2_Export fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
 {
     REQUIRE(c, AFTER_START, fmi2Discard);
-    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
-    if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
+    REQUIRE_KNOWN(value, fmu->table.reals, fmu->table.count, "Integer");
     if (n && fmu->mode == FMU_INITIALIZATION && !refresh(fmu, __func__)) return fmi2Discard;
     for (size_t i = 0; i < n; i++) value[i] = fmu->integers[vr[i] - (uint32_t)fmu->table.reals];
     return fmi2OK;
@@ -337,9 +334,7 @@ static void note_early(instance *fmu, const fmi2ValueReference vr[], size_t n)
 FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
     REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, fmi2Discard);
-    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(&fmu->table, vr, n, 0, fmu->table.reals);
-    if (bad < n) return no_such(fmu, __func__, vr[bad], "Real");
+    REQUIRE_KNOWN(value, 0, fmu->table.reals, "Real");
     const variable_table *t = &fmu->table;
     for (size_t i = 0; i < n; i++) {
         if ((t->settable[vr[i]] & fmu->mode) && accepts(t, (int32_t)vr[i], value[i])) continue;
@@ -354,9 +349,7 @@ FMI2_Export fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[
 FMI2_Export fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
 {
     REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, fmi2Discard);
-    if (n && (!vr || !value)) return refuse(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(&fmu->table, vr, n, fmu->table.reals, fmu->table.count);
-    if (bad < n) return no_such(fmu, __func__, vr[bad], "Integer");
+    REQUIRE_KNOWN(value, fmu->table.reals, fmu->table.count, "Integer");
     for (size_t i = 0; i < n; i++) {
         fmi2Status status = judge(fmu, __func__, vr[i], value[i], fmu->integers[vr[i] - (uint32_t)fmu->table.reals]);
         if (status != fmi2OK) return status;
@@ -371,8 +364,7 @@ static fmi2Status none(fmi2Component c, int modes, const fmi2ValueReference vr[]
 {
     instance *fmu = (instance *)c;
     fmi2Status status = in_order(fmu, modes, fmi2Discard, what);
-    if (status != fmi2OK || n == 0) return status;
-    return vr ? no_such(fmu, what, vr[0], type) : refuse(fmu, what, "a null pointer was passed");
+    return status == fmi2OK ? known(fmu, what, vr, n, vr, 0, 0, type) : status;
 }
 
 FMI2_Export fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[])
@@ -494,11 +486,30 @@ static fmi2Status not_pending(const instance *fmu, const char *what)
     return refuse(fmu, what, "no step is ever pending here");
 }
 
+/* What could be asked only while a step is pending. */
+static fmi2Status never(fmi2Component c, const char *what)
+{
+    instance *fmu = (instance *)c;
+    fmi2Status status = in_order(fmu, FMU_STEPPING | FMU_TERMINATED, fmi2Discard, what);
+    return status == fmi2OK ? not_pending(fmu, what) : status;
+}
+
 FMI2_Export fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
     (void)kind, (void)value;
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
-    return not_pending(fmu, __func__);
+    return never(c, __func__);
+}
+
+FMI2_Export fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
+{
+    (void)kind, (void)value;
+    return never(c, __func__);
+}
+
+FMI2_Export fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
+{
+    (void)kind, (void)value;
+    return never(c, __func__);
 }
 
 FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
@@ -508,13 +519,6 @@ FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k
     if (kind != fmi2LastSuccessfulTime) return not_pending(fmu, __func__);
     *value = fmu->time;
     return fmi2OK;
-}
-
-FMI2_Export fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
-{
-    (void)kind, (void)value;
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
-    return not_pending(fmu, __func__);
 }
 
 /* After a discarded step an importer asks whether to end the run.  The same step again would be discarded again, and some ask for
@@ -528,13 +532,6 @@ FMI2_Export fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKin
     return fmi2OK;
 }
 
-FMI2_Export fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
-{
-    (void)kind, (void)value;
-    REQUIRE(c, FMU_STEPPING | FMU_TERMINATED, fmi2Discard);
-    return not_pending(fmu, __func__);
-}
-
 /* ---------------------------------------------------------------------------------------------------------- derivatives */
 
 /* Derivatives hold until they are set again, like the inputs themselves. */
@@ -543,11 +540,9 @@ FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
 {
     char text[32];
     REQUIRE(c, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_STEPPING, fmi2Discard);
-    if (n && (!vr || !order || !value)) return refuse(fmu, __func__, "a null pointer was passed");
     int32_t inputs = ts_input_count(fmu->sim);
     double *slopes = ts_slopes(fmu->sim);
-    size_t bad = stray(&fmu->table, vr, n, 0, inputs);
-    if (bad < n) return no_such(fmu, __func__, vr[bad], "input");
+    REQUIRE_KNOWN(order ? value : NULL, 0, inputs, "input");
     for (size_t i = 0; i < n; i++) {
         if (order[i] != 1 && order[i] != 2) return refuse(fmu, __func__, "only derivatives of order 1 and 2 are used");
         if (isfinite(value[i])) continue;
@@ -564,9 +559,7 @@ FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
                                                     const fmi2Integer order[], fmi2Real value[])
 {
     REQUIRE(c, FMU_STEPPING | FMU_TERMINATED | FMU_ERROR, fmi2Discard);
-    if (n && (!vr || !order || !value)) return refuse(fmu, __func__, "a null pointer was passed");
-    size_t bad = stray(&fmu->table, vr, n, fmu->first_output, fmu->table.reals);
-    if (bad < n) return no_such(fmu, __func__, vr[bad], "Real output");
+    REQUIRE_KNOWN(order ? value : NULL, fmu->first_output, fmu->table.reals, "Real output");
     for (size_t i = 0; i < n; i++)
         if (order[i] != 1) return refuse(fmu, __func__, "only derivatives of order 1 are given");
     if (!fmu->derivatives_ready && ts_output_derivatives(fmu->sim, fmu->derivatives) != TS_OK)
@@ -587,6 +580,10 @@ FMI2_Export fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
 
 /* -------------------------------------------------------------------------------------------------------------- states */
 
+#define REQUIRE_STATE(bytes, size)                         \
+    const char *why = fmu_state_refusal(fmu, bytes, size); \
+    if (why) return refuse(fmu, __func__, why)
+
 FMI2_Export fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     REQUIRE(c, FMU_ANY, fmi2Discard);
@@ -600,8 +597,7 @@ FMI2_Export fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
-    const char *why = fmu_state_refusal(fmu, (const char *)state, fmu_state_size(fmu));
-    if (why) return refuse(fmu, __func__, why);
+    REQUIRE_STATE((const char *)state, fmu_state_size(fmu));
     fmu->derivatives_ready = 0;
     return fmu_state_restore(fmu, (const char *)state) == TS_OK ? fmi2OK : error(fmu, __func__, ts_message(fmu->sim));
 }
@@ -620,8 +616,7 @@ FMI2_Export fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate 
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(size);
-    const char *why = fmu_state_refusal(fmu, (const char *)state, fmu_state_size(fmu));
-    if (why) return refuse(fmu, __func__, why);
+    REQUIRE_STATE((const char *)state, fmu_state_size(fmu));
     *size = fmu_state_size(fmu);
     return fmi2OK;
 }
@@ -631,8 +626,7 @@ FMI2_Export fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(state);
     REQUIRE_POINTER(bytes);
-    const char *why = fmu_state_refusal(fmu, (const char *)state, fmu_state_size(fmu));
-    if (why) return refuse(fmu, __func__, why);
+    REQUIRE_STATE((const char *)state, fmu_state_size(fmu));
     if (size < fmu_state_size(fmu)) return refuse(fmu, __func__, "the vector is too short; ask fmi2SerializedFMUstateSize");
     memcpy(bytes, state, fmu_state_size(fmu));
     return fmi2OK;
@@ -643,8 +637,7 @@ FMI2_Export fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b
     REQUIRE(c, FMU_ANY, fmi2Discard);
     REQUIRE_POINTER(bytes);
     REQUIRE_POINTER(state);
-    const char *why = fmu_state_refusal(fmu, bytes, size);
-    if (why) return refuse(fmu, __func__, why);
+    REQUIRE_STATE(bytes, size);
     char *copy = (char *)malloc(size);
     if (!copy) return error(fmu, __func__, "out of memory");
     memcpy(copy, bytes, size);

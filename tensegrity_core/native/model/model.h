@@ -36,7 +36,7 @@ typedef struct {
     const int32_t *moved, *wound;          /* (E) nodes that are moved, (A) strings with an actuator */
     const int32_t *program;                /* (program_ints) force laws, see kernel/packing.py */
     const double *program_values;          /* (program_doubles) */
-    const double *velocity;                /* (N, D) start velocities, m/s */
+    const double *node, *velocity;         /* (N, D) positions, m, and velocities, m/s, at the start */
     const double *start;                   /* (n_applied) defaults of inputs and parameters */
     int32_t program_ints, program_doubles; /* sizes */
     int32_t method;                        /* TS_METHOD_... */

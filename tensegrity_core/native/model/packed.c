@@ -341,9 +341,8 @@ static size_t int_count(const ts_model *m)
     return n + n % 2;
 }
 
-static const char *read_header(ts_sim *sim, const char *bytes, size_t size)
+static const char *read_header(ts_model *m, const char *bytes, size_t size)
 {
-    ts_model *m = &sim->m;
     int32_t head[HEADER_INTS];
     uint64_t stored;
     if (size < 8 + sizeof head + 8 || memcmp(bytes, MAGIC, 8)) return "not a model of this version";
@@ -462,59 +461,70 @@ void ts_model_free(ts_sim *sim)
     free(sim->owned.blob);
 }
 
-int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity)
+/* Where the parts of a packed model are. */
+static void find_parts(ts_model *m, const char *blob)
+{
+    const int N = m->count[TS_N], S = m->count[TS_S];
+    ts_packed *p = &m->packed;
+    p->fixed = (const int32_t *)(const void *)(blob + 8) + HEADER_INTS;
+    p->bars = p->fixed + N;
+    p->strings = p->bars + 2 * m->count[TS_B];
+    p->beams = p->strings + 2 * S;
+    p->beam_law = p->beams + S;
+    p->element = p->beam_law + S;
+    p->damper = p->element + 2 * S;
+    p->massed = p->damper + 2 * S;
+    p->dragged = p->massed + m->count[TS_P];
+    p->moved = p->dragged + m->count[TS_R];
+    p->wound = p->moved + m->count[TS_E];
+    p->program = p->wound + m->count[TS_A];
+    p->node = (const double *)(const void *)(blob + 8 + 4 * int_count(m));
+    p->velocity = p->node + N * m->count[TS_D];
+    p->program_values = p->velocity + N * m->count[TS_D];
+    p->start = p->program_values + p->program_doubles;
+}
+
+/* All arrays but the pattern's and the laws'; 0: out of memory. */
+static int allocate(ts_sim *sim, size_t size)
+{
+    arena a = {NULL, 0};
+    take_all(sim, &a);
+    sim->owned.bytes = size + a.used;
+    sim->owned.arena = a.base = (char *)calloc(a.used + 16, 1);
+    const size_t needed = a.used;
+    a.used = 0;
+    if (!a.base) return 0;
+    take_all(sim, &a);
+    TS_ASSERT(a.used == needed);
+    share(sim);
+    TS_ASSERT(sim->ahead.rate + sim->m.lanes <= sim->ahead.all + sim->ahead.size);
+    return 1;
+}
+
+/* A reason why it cannot be read, or NULL. */
+static const char *read_model(ts_sim *sim, const void *bytes, size_t size)
 {
     ts_model *m = &sim->m;
-    const char *reason = read_header(sim, (const char *)bytes, size);
-    if (!reason && !(sim->owned.blob = malloc(size))) reason = "out of memory";
-    if (!reason) {
-        memcpy(sim->owned.blob, bytes, size);
-        const int32_t *ints = (const int32_t *)((char *)sim->owned.blob + 8) + HEADER_INTS;
-        const double *nodes = (const double *)(const void *)((char *)sim->owned.blob + 8 + 4 * int_count(m));
-        int N = m->count[TS_N], D = m->count[TS_D];
-        m->packed.fixed = ints;
-        m->packed.bars = m->packed.fixed + N;
-        m->packed.strings = m->packed.bars + 2 * m->count[TS_B];
-        m->packed.beams = m->packed.strings + 2 * m->count[TS_S];
-        m->packed.beam_law = m->packed.beams + m->count[TS_S];
-        m->packed.element = m->packed.beam_law + m->count[TS_S];
-        m->packed.damper = m->packed.element + 2 * m->count[TS_S];
-        m->packed.massed = m->packed.damper + 2 * m->count[TS_S];
-        m->packed.dragged = m->packed.massed + m->count[TS_P];
-        m->packed.moved = m->packed.dragged + m->count[TS_R];
-        m->packed.wound = m->packed.moved + m->count[TS_E];
-        m->packed.program = m->packed.wound + m->count[TS_A];
-        m->packed.program_values = nodes + 2 * N * D;
-        m->packed.start = m->packed.program_values + m->packed.program_doubles;
-        reason = check(m);
-        if (!reason && (m->node.lone_count = count_lone(m)) < 0) reason = "out of memory";
-        if (!reason) {
-            count_blocks(sim);
-            arena a = {NULL, 0};
-            take_all(sim, &a);
-            sim->owned.bytes = size + a.used;
-            sim->owned.arena = a.base = (char *)calloc(a.used + 16, 1);
-            const size_t needed = a.used;
-            a.used = 0;
-            if (!a.base) reason = "out of memory";
-            else {
-                take_all(sim, &a);
-                TS_ASSERT(a.used == needed);
-                share(sim);
-                TS_ASSERT(sim->ahead.rate + m->lanes <= sim->ahead.all + sim->ahead.size);
-            }
-        }
-        if (!reason) reason = lay_out_bars(m, nodes);
-        if (!reason) reason = lay_out_drives(m);
-        if (!reason) {
-            m->packed.velocity = nodes + N * D;
-            lay_out_strings(m);
-            for (int i = 0; i < N * D; i++)
-                sim->strings.x[i / D * 2 * D + i % D] = m->node.anchor[i]; /* fixed nodes stay there */
-            lay_out_velocity(m, nodes + N * D);
-            reason = lay_out_matrices(sim);
-        }
-    }
+    const char *reason = read_header(m, (const char *)bytes, size);
+    if (reason) return reason;
+    if (!(sim->owned.blob = malloc(size))) return "out of memory";
+    memcpy(sim->owned.blob, bytes, size);
+    find_parts(m, (const char *)sim->owned.blob);
+    if ((reason = check(m))) return reason;
+    if ((m->node.lone_count = count_lone(m)) < 0) return "out of memory";
+    count_blocks(sim);
+    if (!allocate(sim, size)) return "out of memory";
+    if ((reason = lay_out_bars(m, m->packed.node)) || (reason = lay_out_drives(m))) return reason;
+    lay_out_strings(m);
+    for (int i = 0, D = m->count[TS_D]; i < m->count[TS_N] * D; i++)
+        sim->strings.x[i / D * 2 * D + i % D] = m->node.anchor[i]; /* fixed nodes stay there */
+    lay_out_velocity(m, m->packed.velocity);
+    return lay_out_matrices(sim);
+}
+
+int ts_model_read(ts_sim *sim, const void *bytes, size_t size, char *message, size_t capacity)
+{
+    const char *reason = read_model(sim, bytes, size);
     if (!reason) return 1;
     ts_model_free(sim);
     snprintf(message, capacity, "%s", reason);
