@@ -157,10 +157,12 @@ static fmi2Status leave(const instance *fmu, int lock, fmi2Status status)
     return status;
 }
 
-#define ENTER(component)       \
-    instance *fmu = component; \
-    int lock;                  \
-    if (!enter(fmu, &lock, __func__)) return fmi2Error
+#define ENTER_AS(component, what) \
+    instance *fmu = component;    \
+    int lock;                     \
+    if (!enter(fmu, &lock, what)) return fmi2Error
+
+#define ENTER(component) ENTER_AS(component, __func__)
 
 /* The present exception, cleared; a new reference, NULL where there is none. */
 static PyObject *exception(const python *py)
@@ -215,9 +217,7 @@ static fmi2Status status_of(const instance *fmu, PyObject *result)
 
 static fmi2Status simply(fmi2Component c, int hook, const char *what)
 {
-    instance *fmu = c;
-    int lock;
-    if (!enter(fmu, &lock, what)) return fmi2Error;
+    ENTER_AS(c, what);
     return leave(fmu, lock, status_of(fmu, invoke(fmu, hook, NULL, NULL, NULL)));
 }
 
@@ -508,9 +508,7 @@ FMI2_Export fmi2Status fmi2Reset(fmi2Component c) { return simply(c, HOOK_reset,
 static fmi2Status get(fmi2Component c, int hook, int kind, const fmi2ValueReference vr[], size_t n, void *values,
                       const char *what)
 {
-    instance *fmu = c;
-    int lock;
-    if (!enter(fmu, &lock, what)) return fmi2Error;
+    ENTER_AS(c, what);
     PyObject *found = invoke(fmu, hook, references(fmu, vr, n, values), NULL, NULL);
     return leave(fmu, lock, into(fmu, found, kind, values, n));
 }
@@ -518,9 +516,7 @@ static fmi2Status get(fmi2Component c, int hook, int kind, const fmi2ValueRefere
 static fmi2Status set(fmi2Component c, int hook, int kind, const fmi2ValueReference vr[], size_t n, const void *values,
                       const char *what)
 {
-    instance *fmu = c;
-    int lock;
-    if (!enter(fmu, &lock, what)) return fmi2Error;
+    ENTER_AS(c, what);
     PyObject *given = array(fmu, kind, values, n);
     return leave(fmu, lock, status_of(fmu, invoke(fmu, hook, array(fmu, REFERENCES, vr, n), given, NULL)));
 }
@@ -632,9 +628,7 @@ FMI2_Export fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k
 
 static fmi2Status whole_status(fmi2Component c, int hook, fmi2StatusKind kind, int *value, const char *what)
 {
-    instance *fmu = c;
-    int lock;
-    if (!enter(fmu, &lock, what)) return fmi2Error;
+    ENTER_AS(c, what);
     fmi2Status status = fmi2OK;
     PyObject *found = answer(fmu, hook, kind, value, what, &status);
     if (found) *value = (int)fmu->py.PyLong_AsLong(found);
@@ -693,9 +687,7 @@ FMI2_Export fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
 
 static fmi2Status null_pointer(fmi2Component c, const char *what)
 {
-    instance *fmu = c;
-    int lock;
-    if (!enter(fmu, &lock, what)) return fmi2Error;
+    ENTER_AS(c, what);
     return leave(fmu, lock, status_of(fmu, invoke(fmu, HOOK_null_pointer, text(&fmu->py, what), NULL, NULL)));
 }
 

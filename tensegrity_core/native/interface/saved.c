@@ -99,7 +99,8 @@ static int is_possible(const ts_sim *sim)
     const int S = sim->m.count[TS_S], method = sim->io.integers[sim->m.int_at[TS_INT_METHOD]];
     int possible =
         memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
-    possible = possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(sim);
+    possible =
+        possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(memory);
     possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
     possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 && is_open(&memory->span) : memory->span.h == 0.0);
     for (int i = 0; i < S; i++)

@@ -122,7 +122,7 @@ int ts_initialize(ts_sim *sim, double time)
     memset(&sim->memory, 0, sizeof sim->memory);
     sim->memory.time = time;
     sim->memory.active = method == TS_METHOD_AUTO ? TS_METHOD_DOP853 : method;
-    ts_start_choice(sim);
+    ts_start_choice(&sim->memory);
     sim->memory.method = method;
     sim->memory.started = 1;
     ts_set_reach(sim);
@@ -216,7 +216,7 @@ static int settle(ts_sim *sim, double h, int sloped)
 {
     const double before = sim->memory.time;
     add_time(&sim->memory, h);
-    TS_ASSERT(sim->memory.time >= before && ts_choice_is_possible(sim));
+    TS_ASSERT(sim->memory.time >= before && ts_choice_is_possible(&sim->memory));
     sim->memory.last_step = h;
     sim->memory.sloped = sloped;
     ts_rhs(sim, h, sim->state.y, sim->start.f);
@@ -264,7 +264,7 @@ int ts_step(ts_sim *sim, double h)
     int sloped = ts_sloped(&sim->m, &sim->io);
     int changed = sloped || sim->memory.sloped || memcmp(sim->io.values, sim->io.applied, bytes) || inputs_move(sim) ||
                   sim->io.integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
-    if (!changed && ts_span_serves(sim, h)) return step_within(sim, h);
+    if (!changed && ts_span_serves(&sim->memory.span, h)) return step_within(sim, h);
     backup(sim, &memory);
     ts_prepare(sim);
     if (changed) status = ts_check_change(sim, h);

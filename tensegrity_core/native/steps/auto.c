@@ -53,10 +53,10 @@ static const struct {
 };
 
 /* The place of the method in use; TS_CHOICES: it is none of these. */
-static int place_in_use(const ts_sim *sim)
+static int place_in_use(const ts_memory *memory)
 {
     int place = 0;
-    while (place < TS_CHOICES && choices[place].method != sim->memory.active) place++;
+    while (place < TS_CHOICES && choices[place].method != memory->active) place++;
     return place;
 }
 
@@ -86,12 +86,12 @@ static double price(const ts_sim *sim, int place, double h)
 static double known_price(const ts_sim *sim, int place) { return price(sim, place, sim->memory.choice.natural[place]); }
 static double best_price(const ts_sim *sim, int place) { return price(sim, place, longest(sim, place)); }
 
-static void use(ts_sim *sim, int place, double h)
+static void use(ts_memory *memory, int place, double h)
 {
-    ts_choice *c = &sim->memory.choice;
-    sim->memory.active = choices[place].method;
-    sim->memory.h_next = h;
-    sim->memory.stiff = 0;
+    ts_choice *c = &memory->choice;
+    memory->active = choices[place].method;
+    memory->h_next = h;
+    memory->stiff = 0;
     if (place != EXPLICIT) c->effort[place] = 1.0; /* what it was belongs to another time */
     c->losing = c->steps = 0;
     c->trial_time = c->trial_work = c->failed = 0.0;
@@ -107,10 +107,10 @@ static void plan_trial(ts_choice *c, int trial, double interval)
 static int due(const ts_choice *c, int trial, double cost) { return c->work - c->since[trial] >= c->interval[trial] * cost; }
 
 /* At the start of a run. */
-void ts_start_choice(ts_sim *sim)
+void ts_start_choice(ts_memory *memory)
 {
-    ts_choice *c = &sim->memory.choice;
-    sim->memory.patience = PATIENCE;
+    ts_choice *c = &memory->choice;
+    memory->patience = PATIENCE;
     c->incumbent = -1;
     for (int place = 0; place < TS_CHOICES; place++) c->effort[place] = 1.0;
     plan_trial(c, OF_IMPLICIT, SOON);
@@ -119,10 +119,10 @@ void ts_start_choice(ts_sim *sim)
 }
 
 /* Of a restored state: are the methods that it names there? */
-int ts_choice_is_possible(const ts_sim *sim)
+int ts_choice_is_possible(const ts_memory *memory)
 {
-    const ts_choice *c = &sim->memory.choice;
-    int chosen = sim->memory.method != TS_METHOD_AUTO || place_in_use(sim) < TS_CHOICES;
+    const ts_choice *c = &memory->choice;
+    int chosen = memory->method != TS_METHOD_AUTO || place_in_use(memory) < TS_CHOICES;
     return chosen && c->incumbent >= -1 && c->incumbent < TS_CHOICES && c->preferred >= 0 && c->preferred < TS_CHOICES;
 }
 
@@ -138,12 +138,12 @@ static int choose_implicit(const ts_sim *sim, double h)
     return promising(sim, place, h) ? place : other_implicit(place);
 }
 
-static void begin_phase(ts_sim *sim, int place, double h)
+static void begin_phase(ts_memory *memory, int place, double h)
 {
-    ts_choice *c = &sim->memory.choice;
+    ts_choice *c = &memory->choice;
     c->phase_time = c->phase_work = 0.0;
     c->phase_steps = 0;
-    use(sim, place, BOLD * h);
+    use(memory, place, BOLD * h);
 }
 
 /* The explicit method took a step of length h. */
@@ -154,7 +154,7 @@ static void review_explicit(ts_sim *sim, double h)
     double cost = cost_of(sim, place) * (c->h_lambda < CALM ? CALMER : 1.0);
     int steady = sim->memory.h_next <= STEADY * h;
     if (sim->memory.stiff < sim->memory.patience && !(steady && due(c, OF_IMPLICIT, cost))) return;
-    if (promising(sim, place, h)) begin_phase(sim, place, h);
+    if (promising(sim, place, h)) begin_phase(&sim->memory, place, h);
 }
 
 /* The explicit method's step ended at a transition.  Where hardly any step ends otherwise (a damper that sets in and out while
@@ -167,7 +167,7 @@ static void review_cut(ts_sim *sim)
     int place = choose_implicit(sim, mean);
     if (!due(c, OF_IMPLICIT, CUT * cost_of(sim, place)) || !promising(sim, place, mean)) return;
     c->natural[EXPLICIT] = mean;
-    begin_phase(sim, place, mean);
+    begin_phase(&sim->memory, place, mean);
 }
 
 /* The explicit method goes on with a step of length h; `place` was the implicit method in use. */
@@ -179,17 +179,17 @@ static void end_phase(ts_sim *sim, int place, double h)
     c->incumbent = -1;
     sim->memory.patience = paid ? PATIENCE : more < MOST_PATIENCE ? more : MOST_PATIENCE;
     plan_trial(c, OF_IMPLICIT, paid ? SOON : RARER_PHASE * c->interval[OF_IMPLICIT]);
-    use(sim, EXPLICIT, h);
+    use(&sim->memory, EXPLICIT, h);
 }
 
 /* A trial between methods within a phase ends. */
-static void end_trial(ts_sim *sim, int trial, int lost)
+static void end_trial(ts_memory *memory, int trial, int lost)
 {
-    ts_choice *c = &sim->memory.choice;
+    ts_choice *c = &memory->choice;
     int back = c->incumbent;
     plan_trial(c, trial, RARER * c->interval[trial]);
     c->incumbent = -1;
-    if (lost) use(sim, back, c->natural[back]);
+    if (lost) use(memory, back, c->natural[back]);
 }
 
 /* The explicit method is on trial within a phase. */
@@ -198,7 +198,7 @@ static void judge_explicit(ts_sim *sim)
     ts_choice *c = &sim->memory.choice;
     if (c->steps < TRIAL) return;
     if (known_price(sim, EXPLICIT) < known_price(sim, c->incumbent)) end_phase(sim, c->incumbent, sim->memory.h_next);
-    else end_trial(sim, OF_EXPLICIT, 1);
+    else end_trial(&sim->memory, OF_EXPLICIT, 1);
 }
 
 /* An implicit method took a step of length h. */
@@ -214,15 +214,15 @@ static void review_implicit(ts_sim *sim, int place, double h)
     } else if (c->incumbent >= 0) {
         double rival = known_price(sim, c->incumbent);
         if (c->steps < TRIAL && here <= LENIENT * rival) return;
-        end_trial(sim, OF_OTHER_IMPLICIT, c->trial_work > c->trial_time * rival);
+        end_trial(&sim->memory, OF_OTHER_IMPLICIT, c->trial_work > c->trial_time * rival);
     } else if (young || next > STEADY * h) {
         return;
     } else if (due(c, OF_OTHER_IMPLICIT, cost_of(sim, other)) && best_price(sim, other) < here) {
         c->incumbent = place;
-        use(sim, other, next);
+        use(&sim->memory, other, next);
     } else if (due(c, OF_EXPLICIT, cost_of(sim, place)) && price(sim, EXPLICIT, HOPE * c->natural[EXPLICIT]) < here) {
         c->incumbent = place;
-        use(sim, EXPLICIT, c->natural[EXPLICIT]);
+        use(&sim->memory, EXPLICIT, c->natural[EXPLICIT]);
     }
 }
 
@@ -230,13 +230,13 @@ static void review_implicit(ts_sim *sim, int place, double h)
 static void count(ts_sim *sim, int place, double h)
 {
     ts_choice *c = &sim->memory.choice;
-    double work = cost_of(sim, place) * sim->memory.choice.taken;
+    double work = cost_of(sim, place) * c->taken;
     c->work += work;
     c->phase_work += work;
     c->trial_work += work;
     c->phase_time += h;
     c->trial_time += h;
-    c->failed = h > 0.0 ? 0.0 : c->failed + sim->memory.choice.taken;
+    c->failed = h > 0.0 ? 0.0 : c->failed + c->taken;
 }
 
 /* A step of length h was taken without a transition. */
@@ -244,8 +244,8 @@ void ts_review_step(ts_sim *sim, double h)
 {
     ts_choice *c = &sim->memory.choice;
     if (sim->memory.method != TS_METHOD_AUTO) return;
-    int place = place_in_use(sim);
-    c->effort[place] += FADE * (sim->memory.choice.taken + c->failed - c->effort[place]);
+    int place = place_in_use(&sim->memory);
+    c->effort[place] += FADE * (c->taken + c->failed - c->effort[place]);
     c->natural[place] = place == EXPLICIT ? h : sim->memory.h_next;
     c->steps += c->steps < INT32_MAX;
     c->phase_steps += c->phase_steps < INT32_MAX;
@@ -260,12 +260,12 @@ void ts_review_rejection(ts_sim *sim)
 {
     ts_choice *c = &sim->memory.choice;
     if (sim->memory.method != TS_METHOD_AUTO) return;
-    int place = place_in_use(sim);
+    int place = place_in_use(&sim->memory);
     double h = sim->memory.h_next;
     count(sim, place, 0.0);
     if (place == EXPLICIT) return;
     if (c->incumbent >= 0) {
-        if (price(sim, place, h) > LENIENT * known_price(sim, c->incumbent)) end_trial(sim, OF_OTHER_IMPLICIT, 1);
+        if (price(sim, place, h) > LENIENT * known_price(sim, c->incumbent)) end_trial(&sim->memory, OF_OTHER_IMPLICIT, 1);
     } else if (price(sim, place, h) > known_price(sim, EXPLICIT)) {
         end_phase(sim, place, fmin(h, c->natural[EXPLICIT]));
     }
@@ -291,7 +291,7 @@ void ts_review_restart(ts_sim *sim, double tau, double h)
 {
     ts_choice *c = &sim->memory.choice;
     if (sim->memory.method != TS_METHOD_AUTO) return;
-    int place = place_in_use(sim);
+    int place = place_in_use(&sim->memory);
     count(sim, place, h);
     if (place == EXPLICIT && c->incumbent < 0) review_cut(sim);
     else if (!sim->call.force_jumps) return;

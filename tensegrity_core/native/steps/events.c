@@ -235,10 +235,9 @@ static double scan(const step *s, int i, double last, int samples)
 
 /* Does the elongation go one way only?  Of the cubic through both ends and their rates (Fritsch, Carlson, Monotone piecewise
  * cubic interpolation, SIAM Journal on Numerical Analysis 17, 1980, doi:10.1137/0717021). */
-static int one_way(const ts_sim *sim, int i, double h)
+static int one_way(const ts_step_start *start, const ts_step_ahead *ahead, int i, double h)
 {
-    double change = sim->ahead.elongation[i] - sim->start.elongation[i], r0 = h * sim->start.rate[i],
-           r1 = h * sim->ahead.rate[i];
+    double change = ahead->elongation[i] - start->elongation[i], r0 = h * start->rate[i], r1 = h * ahead->rate[i];
     if (change < 0.0) change = -change, r0 = -r0, r1 = -r1;
     return r0 >= 0.0 && r1 >= 0.0 && r0 <= 3.0 * change && r1 <= 3.0 * change;
 }
@@ -247,23 +246,21 @@ static int one_way(const ts_sim *sim, int i, double h)
  * reached. */
 static int may_graze(const ts_sim *sim, int i, double h)
 {
-    double r0 = sim->start.rate[i], r1 = sim->ahead.rate[i];
-    if (one_way(sim, i, h)) return 0;
+    double e0 = sim->start.elongation[i], r0 = sim->start.rate[i], e1 = sim->ahead.elongation[i], r1 = sim->ahead.rate[i];
+    if (one_way(&sim->start, &sim->ahead, i, h)) return 0;
     if (!(r0 * r1 < 0.0)) {
         double reach = h * (fabs(r0) + fabs(r1));
-        return fmax(sim->start.elongation[i], sim->ahead.elongation[i]) + reach > sim->on.hi[i] ||
-               fmin(sim->start.elongation[i], sim->ahead.elongation[i]) - reach < sim->on.lo[i];
+        return fmax(e0, e1) + reach > sim->on.hi[i] || fmin(e0, e1) - reach < sim->on.lo[i];
     }
-    double meet = sim->start.elongation[i] + r0 * (sim->ahead.elongation[i] - sim->start.elongation[i] - r1 * h) / (r0 - r1);
+    double meet = e0 + r0 * (e1 - e0 - r1 * h) / (r0 - r1);
     return meet > sim->on.hi[i] || meet < sim->on.lo[i];
 }
 
 /* May the tension of a string have changed its sign?  It did at a stage or at the end, or came closer to zero at the stages than
  * it varied among them. */
-static int may_clip(const ts_sim *sim, int i)
+static int may_clip(const ts_strings *found, int i)
 {
-    return sim->strings.sign_changed[i] ||
-           sim->strings.margin_low[i] < sim->strings.margin_high[i] - sim->strings.margin_low[i];
+    return found->sign_changed[i] || found->margin_low[i] < found->margin_high[i] - found->margin_low[i];
 }
 
 /* First transition in the step just accepted from tau to tau + h: theta in [0, 1] and the watch that crossed; -1: none.
@@ -280,13 +277,14 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
         if (w >= S && !clips(sim, i)) continue;
         int crossed = excess(sim, w, sim->ahead.elongation[i], sim->ahead.rate[i]) > 0.0;
         int left = sim->strings.lowest[i] < sim->on.lo[i] || sim->strings.highest[i] > sim->on.hi[i]; /* at some stage */
-        if (!crossed && !(w < S ? left || may_graze(sim, i, h) : may_clip(sim, i))) continue;
+        if (!crossed && !(w < S ? left || may_graze(sim, i, h) : may_clip(&sim->strings, i))) continue;
         if (!sim->ahead.ready) {
             method->densify(sim, tau, h);
             sim->ahead.ready = 1;
         }
         double last = first > 1.0 ? 1.0 : first;
-        double theta = w < S ? scan(&s, i, last, one_way(sim, i, h) ? FEW_SAMPLES : SAMPLES) : scan_clipping(&s, w, last);
+        double theta = w < S ? scan(&s, i, last, one_way(&sim->start, &sim->ahead, i, h) ? FEW_SAMPLES : SAMPLES)
+                             : scan_clipping(&s, w, last);
         if (theta > 1.0 && crossed && first > 1.0) theta = 1.0; /* dense output and end differ by round-off */
         if (theta < first) {
             first = theta;

@@ -150,16 +150,16 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
 
 /* Take the step again, shorter: positions and velocities on its dense output will agree better.  err_last, stiff: the memory of
  * the control as it was before the step. */
-static void retake(ts_sim *sim, double h, double err_last, int stiff)
+static void retake(ts_memory *memory, double h, double err_last, int stiff)
 {
-    sim->memory.span.h = sim->memory.joined = 0.0;
-    sim->memory.err_last = err_last;
-    sim->memory.stiff = stiff;
-    sim->memory.h_next = SHRINK * h;
-    sim->memory.stats[TS_STEPS]--;
-    sim->memory.stats[TS_IMPLICIT_STEPS] -= (methods[sim->memory.active]->flags & TS_IMPLICIT) != 0;
-    sim->memory.stats[TS_REJECTED]++;
-    sim->memory.rejected++;
+    memory->span.h = memory->joined = 0.0;
+    memory->err_last = err_last;
+    memory->stiff = stiff;
+    memory->h_next = SHRINK * h;
+    memory->stats[TS_STEPS]--;
+    memory->stats[TS_IMPLICIT_STEPS] -= (methods[memory->active]->flags & TS_IMPLICIT) != 0;
+    memory->stats[TS_REJECTED]++;
+    memory->rejected++;
 }
 
 enum { ENDED, SWITCHED, BROKEN };
@@ -192,11 +192,7 @@ static int close_span(ts_sim *sim, double tau)
 static double span_end(const ts_span *span) { return span->start + span->reach * span->h; }
 
 /* Does the step that the last call left open serve a whole call of length h? */
-int ts_span_serves(const ts_sim *sim, double h)
-{
-    const ts_span *span = &sim->memory.span;
-    return span->h > 0.0 && span_end(span) > h * (1.0 + ROUND_OFF);
-}
+int ts_span_serves(const ts_span *span, double h) { return span->h > 0.0 && span_end(span) > h * (1.0 + ROUND_OFF); }
 
 /* That call: the state comes from the dense output. */
 void ts_serve_span(ts_sim *sim, double h)
@@ -367,12 +363,12 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         }
         int locate = !sim->call.unlocated && (!method->splits || p.splits < method->splits);
         if (open_span(sim, method, tau, h, locate) && !fixed && memory->rejected < RETAKES) {
-            retake(sim, h, err_last, stiff);
+            retake(memory, h, err_last, stiff);
             continue;
         }
         memory->rejected = 0;
         double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
-        if (ts_span_serves(sim, end)) {
+        if (ts_span_serves(&memory->span, end)) {
             ts_serve_span(sim, end);
             return TS_OK;
         }

@@ -6,7 +6,7 @@
 #include "tensegrity.h"
 
 int ts_integrate(ts_sim *sim, double h, int may_run_ahead);
-int ts_span_serves(const ts_sim *sim, double h);
+int ts_span_serves(const ts_span *span, double h);
 void ts_serve_span(ts_sim *sim, double h);
 void ts_close_span(ts_sim *sim);
 void ts_recall(ts_sim *sim);
