@@ -81,10 +81,11 @@ static void densify(ts_sim *sim, double tau, double h)
     sum_stages(DENSE[3], 16, sim->attempt.k, stride, h, stride, c + 7 * stride);
 }
 
-static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
+static void interpolate(const ts_step_ahead *ahead, double theta, int first, int count, double *out)
 {
+    int stride = ahead->stride;
     double rest = 1.0 - theta;
-    const double *c = dense + first;
+    const double *c = ahead->dense + first;
     for (int i = 0; i < count; i++) {
         double inner = c[4 * stride + i] + theta * (c[5 * stride + i] + rest * (c[6 * stride + i] + theta * c[7 * stride + i]));
         out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + rest * inner)));

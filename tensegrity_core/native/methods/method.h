@@ -3,6 +3,7 @@
 #define TENSEGRITY_METHOD_H
 
 #include "fields.h"
+#include "model/data.h"
 #include "tensegrity.h"
 
 enum {
@@ -26,8 +27,8 @@ typedef struct {
     double (*attempt)(ts_sim *sim, double tau, double h);
     /* dense output in rows 1.., row 0 being the step's start; only called when it is asked for */
     void (*densify)(ts_sim *sim, double tau, double h);
-    /* components first..first+count-1 of y at tau + theta h, from rows of length stride */
-    void (*interpolate)(const double *dense, int stride, double theta, int first, int count, double *out);
+    /* components first..first+count-1 of y at tau + theta h, from the dense output alone */
+    void (*interpolate)(const ts_step_ahead *ahead, double theta, int first, int count, double *out);
     /* y1 has been put on the constraint, the derivative there is in f1; NULL: nothing is left to do */
     void (*accepted)(ts_sim *sim, double h);
 } ts_method;

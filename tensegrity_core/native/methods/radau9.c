@@ -34,9 +34,10 @@ ALWAYS_INLINE void transform(const double M[STAGES][STAGES], const double *in, i
 }
 
 /* theta > 1 continues the step beyond its end */
-static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
+static void interpolate(const ts_step_ahead *ahead, double theta, int first, int count, double *out)
 {
-    const double *c = dense + first;
+    int stride = ahead->stride;
+    const double *c = ahead->dense + first;
     for (int i = 0; i < count; i++)
         out[i] =
             c[i] + theta * (c[stride + i] +
@@ -51,7 +52,7 @@ static void guess(ts_sim *sim, double h, double *Z)
     memset(Z, 0, sizeof(double) * (size_t)(STAGES * stride));
     for (int s = 0; s < STAGES; s++, Z += stride)
         if (sim->memory.joined > 0.0) {
-            interpolate(sim->ahead.dense, stride, 1.0 + C[s] * h / sim->memory.joined, 0, 2 * nq, Z);
+            interpolate(&sim->ahead, 1.0 + C[s] * h / sim->memory.joined, 0, 2 * nq, Z);
             for (int i = 0; i < 2 * nq; i++) Z[i] -= sim->state.y[i];
         } else {
             for (int i = 0; i < nq; i++) Z[i] = C[s] * h * sim->state.y[nq + i];

@@ -25,10 +25,11 @@ static void densify(ts_sim *sim, double tau, double h)
     hermite(sim->state.y, sim->start.f, sim->ahead.y, sim->ahead.f, h, sim->m.stride, sim->ahead.dense);
 }
 
-static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
+static void interpolate(const ts_step_ahead *ahead, double theta, int first, int count, double *out)
 {
+    int stride = ahead->stride;
     double rest = 1.0 - theta;
-    const double *c = dense + first;
+    const double *c = ahead->dense + first;
     for (int i = 0; i < count; i++)
         out[i] = c[i] + theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }

@@ -57,10 +57,11 @@ static void densify(ts_sim *sim, double tau, double h)
     sum_stages(H[2], 8, sim->attempt.k, stride, 1.0, n, sim->ahead.dense + 4 * stride);
 }
 
-static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
+static void interpolate(const ts_step_ahead *ahead, double theta, int first, int count, double *out)
 {
+    int stride = ahead->stride;
     double rest = 1.0 - theta;
-    const double *c = dense + first;
+    const double *c = ahead->dense + first;
     for (int i = 0; i < count; i++)
         out[i] = rest * c[i] +
                  theta * (c[stride + i] + rest * (c[2 * stride + i] + theta * (c[3 * stride + i] + theta * c[4 * stride + i])));

@@ -70,9 +70,10 @@ static void densify(ts_sim *sim, double tau, double h)
     }
 }
 
-static void interpolate(const double *dense, int stride, double theta, int first, int count, double *out)
+static void interpolate(const ts_step_ahead *ahead, double theta, int first, int count, double *out)
 {
-    const double *c = dense + first;
+    int stride = ahead->stride;
+    const double *c = ahead->dense + first;
     for (int i = 0; i < count; i++)
         out[i] = c[i] + theta * (c[stride + i] + theta * (c[2 * stride + i] + theta * c[3 * stride + i]));
 }

@@ -158,6 +158,7 @@ typedef struct {
     double *elongation, *rate; /*   (lanes) m, m/s, at its end */
     double *backup;            /* (size) */
     size_t size;               /* numbers */
+    int32_t stride;            /* of the rows */
     int32_t ready;             /* densify() has been called for the step at hand */
 } ts_step_ahead;
 

@@ -139,6 +139,7 @@ static void share(ts_sim *sim)
     const int stride = sim->m.stride, lanes = sim->m.lanes;
     ts_step_ahead *ahead = &sim->ahead;
     sim->strings.sd = sim->strings.s + sim->m.count[TS_D] * lanes;
+    ahead->stride = stride;
     ahead->dense = ahead->all;
     ahead->y = ahead->dense + 8 * stride;
     ahead->f = ahead->y + stride;

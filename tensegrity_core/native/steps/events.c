@@ -107,8 +107,9 @@ typedef struct {
 static void look(const step *s, double theta, int first, int count)
 {
     ts_sim *sim = s->sim;
-    for (int at = first; at < 2 * sim->m.nq; at += sim->m.nq)
-        s->method->interpolate(sim->ahead.dense, sim->m.stride, theta, at, count, sim->attempt.y + at);
+    double *y = sim->attempt.y + first;
+    s->method->interpolate(&sim->ahead, theta, first, count, y);
+    s->method->interpolate(&sim->ahead, theta, sim->m.nq + first, count, y + sim->m.nq);
 }
 
 /* Elongation and rate of one string on the dense output, put on the constraint as the state will be: only the blocks it

@@ -72,7 +72,7 @@ static void integrate_ledger(ts_sim *sim, const ts_method *method, const ts_span
     for (int k = 0; k < TS_LEDGER; k++) ledger[k] = sim->ahead.dense[n + k];
     for (int g = 0; g < 3; g++) {
         double p[TS_LEDGER], at = theta * node[g];
-        method->interpolate(sim->ahead.dense, sim->m.stride, at, 0, n, sim->attempt.error);
+        method->interpolate(&sim->ahead, at, 0, n, sim->attempt.error);
         ts_power(sim, span->start + at * span->h, sim->attempt.error, p);
         for (int k = 0; k < TS_LEDGER; k++) ledger[k] += weight[g] * theta * span->h * p[k];
     }
@@ -98,7 +98,7 @@ static void state_at(ts_sim *sim, const ts_span *span, double theta)
     int n = 2 * sim->m.nq, in_stages = method->flags & TS_LEDGER_IN_STAGES;
     TS_ASSERT(theta >= 0.0 && theta <= 1.0 + 1e-9);
     make_dense(sim, method, span->start, span->h);
-    method->interpolate(sim->ahead.dense, sim->m.stride, theta, 0, in_stages ? sim->m.ny : n, sim->attempt.y);
+    method->interpolate(&sim->ahead, theta, 0, in_stages ? sim->m.ny : n, sim->attempt.y);
     if (!in_stages) integrate_ledger(sim, method, span, theta, sim->attempt.y + n);
     memcpy(sim->state.y, sim->attempt.y, sizeof(double) * (size_t)sim->m.ny);
     ts_project(&sim->m, sim->state.y);
