@@ -266,8 +266,8 @@ FMI2_Export fmi2Status fmi2Reset(fmi2Component c)
 /* -------------------------------------------------------------------------------------------------------------- values */
 
 /* fmi2OK where values and the variables of these references are there, all of first..end-1; type: what these are. */
-static fmi2Status known(const instance *fmu, const char *what, const fmi2ValueReference vr[], size_t n, const void *values,
-                        int32_t first, int32_t end, const char *type)
+static fmi2Status look_up(const instance *fmu, const char *what, const fmi2ValueReference vr[], size_t n, const void *values,
+                          int32_t first, int32_t end, const char *type)
 {
     char why[96];
     if (n && (!vr || !values)) return refuse(fmu, what, "a null pointer was passed");
@@ -279,9 +279,9 @@ static fmi2Status known(const instance *fmu, const char *what, const fmi2ValueRe
     return fmi2OK;
 }
 
-#define REQUIRE_KNOWN(values, first, end, type)                                      \
-    fmi2Status known_status = known(fmu, __func__, vr, n, values, first, end, type); \
-    if (known_status != fmi2OK) return known_status
+#define REQUIRE_KNOWN(values, first, end, type)                                        \
+    fmi2Status found_status = look_up(fmu, __func__, vr, n, values, first, end, type); \
+    if (found_status != fmi2OK) return found_status
 
 /* Some importers read every output as a Real; references are unique over the types, so that an integer is clear. */
 FMI2_Export fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
@@ -364,7 +364,7 @@ static fmi2Status none(fmi2Component c, int modes, const fmi2ValueReference vr[]
 {
     instance *fmu = (instance *)c;
     fmi2Status status = in_order(fmu, modes, fmi2Discard, what);
-    return status == fmi2OK ? known(fmu, what, vr, n, vr, 0, 0, type) : status;
+    return status == fmi2OK ? look_up(fmu, what, vr, n, vr, 0, 0, type) : status;
 }
 
 FMI2_Export fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[])
