@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from .analysis import analyse, rigid_body_motions, rigid_fields
 from .balance import Balance
-from .forces import equilibrium_matrix, loads, member_forces, members, places, residual, unbalanced
+from .forces import equilibrium_matrix, loads, member_forces, residual, unbalanced
 from .matrices import Dense, TooLarge, free_rows, lengths_between, null_space, require_small
+from .members import members, places
 from .settling import NoEquilibrium, descend, settle
 from .start import build_model
 from .strings import string_branches, string_energy, string_tension

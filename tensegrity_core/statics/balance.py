@@ -10,8 +10,6 @@ with a string's stiffness k and direction u = v/|v|.  Bars keep their lengths: t
 directions, the basis, and a step is brought back.  `Surface` asks for this with the strings' laws from slack or from their
 branches, `equilibria.equilibrium` with each string on a given piece, under a load that moves with a parameter, and
 `equilibria.saddle` with the bars' force densities as further unknowns.
-
-Arrays of members have the axes first, (D, S+B), strings before bars.
 """
 
 from __future__ import annotations
@@ -23,17 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
-from .forces import members, places
-from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, lengths_between
-
-
-class Shape(NamedTuple):
-    """Members at one configuration.  vectors: (D, S+B) m; squared, lengths: (S+B,) m2, m; length: (S,) m, of the strings."""
-
-    vectors: np.ndarray
-    squared: np.ndarray
-    lengths: np.ndarray
-    length: np.ndarray
+from .matrices import Dense, Matrix, Sparse, lengths_between
+from .members import Members, Shape
 
 
 class Reduced(NamedTuple):
@@ -52,27 +41,16 @@ class Reduced(NamedTuple):
     stiffness: np.ndarray
 
 
-class Balance:
+class Balance(Members):
     """Forces and tangent stiffness of a model at any free coordinates (n,).  matrix: `Dense` or `Sparse`.
 
-    size: n; wide: n and the fixed nodes' coordinates; place: (N, D), see `places`; start: (n,) m; bar_length: (B,) m, which the
-    bars keep.
+    bar_length: (B,) m, which the bars keep.
     """
 
     def __init__(self, model: Model, matrix: type[Dense | Sparse] = Dense):
-        self.model, self.size, self.place = model, freedoms(model), places(model)
-        self.start = free_rows(model, model.nodes)
+        super().__init__(model)
         self.bar_length = lengths_between(model.nominal, model.bars)
-        self._count, axes = len(model.strings), len(model.axes)
-        self._held = model.nodes[model.fixed_nodes][:, model.axes].ravel()
-        among = self.place.copy()  # in the free coordinates, followed by those of the fixed nodes
-        among[model.fixed_nodes] = self.size + np.arange(len(self._held)).reshape(-1, axes)
-        self._ends = np.ascontiguousarray(among[members(model)].transpose(1, 2, 0))  # (2, D, S+B)
-        self._first, self._second = self._ends
-        self.wide = self.size + len(self._held)
-        beginning = self.wide * np.arange(len(self._first[0]))  # of a member's row
-        self._row_first, self._row_second = self._first + beginning, self._second + beginning
-        self._pulled = {count: self._pulled_by(count) for count in (self._count, len(self._first[0]))}
+        axes = len(model.axes)
         self._matrix = self._stiffness_entries(matrix)
         self._values = np.empty((4, axes, axes, len(self._first[0])))  # B, -B, -B, B of every member
         self._blocks = self._values[0], self._values[1:3], self._values[3]
@@ -80,10 +58,6 @@ class Balance:
         self._material = np.zeros(len(self._first[0]))  # k - q of strings, 0 of bars
         self._of_strings = self._material[: self._count]
         self._prepare_bars(matrix)
-
-    def _pulled_by(self, count: int) -> np.ndarray:
-        """Places of a load and of what so many members pull on their ends."""
-        return np.concatenate([np.arange(self.size), self._first[:, :count].ravel(), self._second[:, :count].ravel()])
 
     def _stiffness_entries(self, matrix: type[Dense | Sparse]) -> Dense | Sparse:
         ends = self._first, self._second
@@ -97,15 +71,11 @@ class Balance:
         model, D = self.model, len(self.model.axes)
         fixed = model.fixed[model.bars].T[:, None]  # (2, 1, B)
         afloat = ~fixed.any(axis=(0, 1))
-        self._free_ends = 2.0 - fixed.sum(axis=(0, 1))
         self._own = np.where(fixed, 1.0, np.where(afloat, 0.5, 0.0))  # an end moves back to this much of its place,
         self._others = np.where(fixed, 0.0, np.where(afloat, 0.5, 1.0))  # that much of the other's, and so far along the bar
         self._lever = self._others * np.array([[[-1.0]], [[1.0]]])
         self._share = np.where(afloat, math.sqrt(0.5), 1.0)
-        split = np.split(self._ends, [self._count], axis=2)
-        self._ends_of_strings, self._ends_of_bars = (np.ascontiguousarray(ends) for ends in split)
         first, second = self._ends_of_bars
-        self._unfelt = np.zeros(len(self._held))
         turning = np.arange(len(model.bars) * (D - 1)).reshape(-1, D - 1).T[None]  # (1, D-1, B)
         shifts = turning.size + np.arange(int(afloat.sum()) * D).reshape(-1, D).T
         lone = self.place[model.lone_nodes].ravel()
@@ -116,31 +86,6 @@ class Balance:
         self._still = np.concatenate([np.full(2 * shifts.size, math.sqrt(0.5)), np.ones(len(lone))])
         self._directions = matrix(rows, columns, (self.size, turning.size + shifts.size + len(lone)))
         self._one = np.eye(D)[:, :-1, None]
-
-    def free(self, nodes: np.ndarray) -> np.ndarray:
-        """(n,) free coordinates of nodes (N, 3)."""
-        return free_rows(self.model, nodes)
-
-    def nodes(self, free: np.ndarray) -> np.ndarray:
-        """(N, 3) m."""
-        nodes = self.model.nodes.copy()
-        nodes[np.ix_(self.model.free_nodes, np.array(self.model.axes))] = free.reshape(-1, len(self.model.axes))
-        return nodes
-
-    def shape(self, free: np.ndarray) -> Shape:
-        """Vectors and lengths of all members."""
-        among = np.concatenate((free, self._held))
-        ends = among.take(self._ends)
-        vectors = ends[1] - ends[0]
-        squared = np.add.reduce(vectors * vectors)
-        lengths = np.sqrt(squared)
-        return Shape(vectors, squared, lengths, lengths[: self._count])
-
-    def lengths(self, free: np.ndarray) -> np.ndarray:
-        """(S,) m, of the strings."""
-        first, second = np.concatenate((free, self._held)).take(self._ends_of_strings)
-        vectors = second - first
-        return np.sqrt(np.add.reduce(vectors * vectors))
 
     def moved(self, free: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Free coordinates after a step (n,), bars brought back to their lengths: about the fixed end or the centre."""
@@ -154,17 +99,6 @@ class Balance:
     def energy(self, stored: np.ndarray, load: np.ndarray, free: np.ndarray) -> float:
         """J: what the strings have stored (S,), less the work of loads (n,) from the start on."""
         return float(stored.sum() - load @ (free - self.start))
-
-    def unbalanced(self, shape: Shape, load: np.ndarray, density: np.ndarray) -> np.ndarray:
-        """(n,) N: loads (n,) and the pull of the strings, or of all members, with these force densities, N/m."""
-        pull = (density * shape.vectors[:, : len(density)]).ravel()
-        return np.bincount(self._pulled[len(density)], np.concatenate((load, pull, -pull)), self.wide)[: self.size]
-
-    def bar_density(self, shape: Shape, force: np.ndarray) -> np.ndarray:
-        """(B,) N/m: bar force densities that balance forces (n,) best; no two bars share a node."""
-        first, second = np.concatenate((force, self._unfelt)).take(self._ends_of_bars)
-        along = np.add.reduce(shape.vectors[:, self._count :] * (second - first))
-        return along / (self._free_ends * shape.squared[self._count :])
 
     def stiffness(self, shape: Shape, stiffness: np.ndarray, density: np.ndarray) -> Matrix:
         """(n, n) N/m: K, from the strings' stiffnesses (S,), N/m, and all members' force densities (S+B,), N/m."""
@@ -185,14 +119,6 @@ class Balance:
         scaled = 2.0 * mirror / np.add.reduce(mirror * mirror)
         across = ((self._one - mirror[:, None] * scaled[:-1]) * self._share).ravel()
         return self._directions(np.concatenate((-across, across, self._still)))
-
-    def rows(self, shape: Shape, out: np.ndarray | None = None) -> np.ndarray:
-        """(S+B, n) m: derivatives of half the members' squared lengths; out: (S+B, `wide`), zeros at first."""
-        rows = np.zeros((len(shape.squared), self.wide)) if out is None else out
-        flat = rows.reshape(-1)
-        flat[self._row_second] = shape.vectors
-        flat[self._row_first] = -shape.vectors
-        return rows[:, : self.size]
 
     def at(self, free: np.ndarray, rest_length: np.ndarray, load: np.ndarray, laws: Callable) -> Reduced:
         """The structure along the directions that keep the bars' lengths, under rest lengths (S,), m, and loads (n,), N.

@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
-from .matrices import Entries, free_rows, freedoms, lengths_between, require_small
+from .matrices import free_rows, lengths_between, require_small
+from .members import Members, Shape
 from .strings import string_tension
 
 BALANCED = 1e-10  # N: a start counts as balanced below this
@@ -32,11 +33,6 @@ def loads(model: Model, force=None) -> np.ndarray:
     return load + model.node_mass[:, None] * model.g
 
 
-def members(model: Model) -> np.ndarray:
-    """(S+B, 2) nodes at the ends of all members, strings first."""
-    return np.vstack([model.strings, model.bars])
-
-
 def equilibrium_matrix(model: Model) -> np.ndarray:
     """(F*D, S+B): forces on the free nodes from a unit tension in each member, at the model's start.
 
@@ -45,45 +41,29 @@ def equilibrium_matrix(model: Model) -> np.ndarray:
     Raises TooLarge: the matrix is dense.
     """
     require_small(model, "the equilibrium matrix")
-    found = _equilibrium(model)
-    matrix = np.zeros((freedoms(model), len(model.strings) + len(model.bars)), order="F")
-    matrix[found.rows, found.columns] += found.values  # adds, so that no zero has a sign
-    return matrix
-
-
-def _equilibrium(model: Model) -> Entries:
-    """The equilibrium matrix, sparse."""
-    ends, place = members(model), places(model)
-    along = model.nodes[ends[:, 1]] - model.nodes[ends[:, 0]]
-    unit = (along / np.linalg.norm(along, axis=1)[:, None])[:, model.axes]
-    rows = np.stack([place[ends[:, 0]], place[ends[:, 1]]]).ravel()
-    columns = np.broadcast_to(np.arange(len(ends))[:, None], (2, *unit.shape)).ravel()
-    order = np.lexsort((rows, columns))
-    order = order[rows[order] >= 0]
-    return Entries(rows[order], columns[order], np.stack([unit, -unit]).ravel()[order], freedoms(model))
-
-
-def places(model: Model) -> np.ndarray:
-    """(N, D) int: the degree of freedom of each node along each axis, -1 where it is fixed."""
-    place = np.full((len(model.nodes), len(model.axes)), -1)
-    place[model.free_nodes] = np.arange(freedoms(model)).reshape(-1, len(model.axes))
-    return place
+    at = Members(model)
+    shape = at.shape(at.start)
+    return 0.0 - (at.rows(shape) / shape.lengths[:, None]).T
 
 
 def member_forces(model: Model, force=None) -> np.ndarray:
     """(S+B,) N at the model's start: the strings' elastic tensions, then the bar forces that balance best."""
-    string_force = string_tension(model, lengths_between(model.nodes, model.strings))
-    matrix, count, bars = _equilibrium(model), len(model.strings), len(model.bars)
-    rest = free_rows(model, loads(model, force)) + matrix.forces(np.concatenate([string_force, np.zeros(bars)]))
-    # least squares, bar by bar: their columns are orthogonal, as no two bars share a node
-    bar_force = -matrix.along(rest, count + bars) / np.maximum(matrix.squares(count + bars), 1e-300)
-    return np.concatenate([string_force, bar_force[count:]])
+    shape, density, _ = _at_start(model, force)
+    return density * shape.lengths
 
 
 def residual(model: Model, force=None) -> np.ndarray:
     """(F, D) N: unbalanced force on each free node at the model's start, bar forces chosen to balance best."""
-    unbalanced = _equilibrium(model).forces(member_forces(model, force)) + free_rows(model, loads(model, force))
-    return unbalanced.reshape(-1, len(model.axes))
+    return _at_start(model, force)[2].reshape(-1, len(model.axes))
+
+
+def _at_start(model: Model, force) -> tuple[Shape, np.ndarray, np.ndarray]:
+    """Members at the model's start, their force densities (S+B,), N/m, and what stays unbalanced (n,), N."""
+    at, load = Members(model), free_rows(model, loads(model, force))
+    shape = at.shape(at.start)
+    density = string_tension(model, shape.length) / shape.length
+    density = np.concatenate((density, at.bar_density(shape, at.unbalanced(shape, load, density))))
+    return shape, density, at.unbalanced(shape, load, density)
 
 
 class Unbalanced(NamedTuple):

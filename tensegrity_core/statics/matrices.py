@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -16,30 +16,6 @@ WHOLE = 2000  # degrees of freedom, or members, up to which singular values and 
 
 class TooLarge(TensegrityError):
     """An analysis by dense matrices was asked for a structure beyond WHOLE."""
-
-
-class Entries(NamedTuple):
-    """The equilibrium matrix by its entries, column by column; rows, columns, values: (E,); size: of rows, F*D.
-
-    Products with it need no package of sparse matrices, whose import takes longer than they do.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    values: np.ndarray
-    size: int
-
-    def forces(self, tension: np.ndarray) -> np.ndarray:
-        """(F*D,) N: what members pull on the free nodes."""
-        return np.bincount(self.rows, self.values * tension[self.columns], self.size)
-
-    def along(self, field: np.ndarray, count: int) -> np.ndarray:
-        """(S+B,): a field (F*D,) on each of `count` members."""
-        return np.bincount(self.columns, self.values * field[self.rows], count)
-
-    def squares(self, count: int) -> np.ndarray:
-        """(S+B,): the columns' squared lengths, of `count` members."""
-        return np.bincount(self.columns, self.values**2, count)
 
 
 def freedoms(model: Model) -> int:

@@ -1,0 +1,107 @@
+"""The members of a structure: their vectors at any coordinates, and what they pull on the free nodes.
+
+Arrays of members have the axes first, (D, S+B), strings before bars.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Model
+from .matrices import free_rows, freedoms
+
+
+def members(model: Model) -> np.ndarray:
+    """(S+B, 2) nodes at the ends of all members, strings first."""
+    return np.vstack([model.strings, model.bars])
+
+
+def places(model: Model) -> np.ndarray:
+    """(N, D) int: the degree of freedom of each node along each axis, -1 where it is fixed."""
+    place = np.full((len(model.nodes), len(model.axes)), -1)
+    place[model.free_nodes] = np.arange(freedoms(model)).reshape(-1, len(model.axes))
+    return place
+
+
+class Shape(NamedTuple):
+    """Members at one configuration.  vectors: (D, S+B) m; squared, lengths: (S+B,) m2, m; length: (S,) m, of the strings."""
+
+    vectors: np.ndarray
+    squared: np.ndarray
+    lengths: np.ndarray
+    length: np.ndarray
+
+
+class Members:
+    """The members of a model at any free coordinates (n,).
+
+    size: n; wide: n and the fixed nodes' coordinates; place: (N, D), see `places`; start: (n,) m.
+    """
+
+    def __init__(self, model: Model):
+        self.model, self.size, self.place = model, freedoms(model), places(model)
+        self.start = free_rows(model, model.nodes)
+        self._count, axes = len(model.strings), len(model.axes)
+        self._held = model.nodes[model.fixed_nodes][:, model.axes].ravel()
+        among = self.place.copy()  # in the free coordinates, followed by those of the fixed nodes
+        among[model.fixed_nodes] = self.size + np.arange(len(self._held)).reshape(-1, axes)
+        self._ends = np.ascontiguousarray(among[members(model)].transpose(1, 2, 0))  # (2, D, S+B)
+        self._first, self._second = self._ends
+        self.wide = self.size + len(self._held)
+        beginning = self.wide * np.arange(len(self._first[0]))  # of a member's row
+        self._row_first, self._row_second = self._first + beginning, self._second + beginning
+        self._pulled = {count: self._pulled_by(count) for count in (self._count, len(self._first[0]))}
+        split = np.split(self._ends, [self._count], axis=2)
+        self._ends_of_strings, self._ends_of_bars = (np.ascontiguousarray(ends) for ends in split)
+        self._free_ends = np.maximum(2.0 - model.fixed[model.bars].sum(axis=1), 1e-300)
+        self._unfelt = np.zeros(len(self._held))
+
+    def _pulled_by(self, count: int) -> np.ndarray:
+        """Places of a load and of what so many members pull on their ends."""
+        return np.concatenate([np.arange(self.size), self._first[:, :count].ravel(), self._second[:, :count].ravel()])
+
+    def free(self, nodes: np.ndarray) -> np.ndarray:
+        """(n,) free coordinates of nodes (N, 3)."""
+        return free_rows(self.model, nodes)
+
+    def nodes(self, free: np.ndarray) -> np.ndarray:
+        """(N, 3) m."""
+        nodes = self.model.nodes.copy()
+        nodes[np.ix_(self.model.free_nodes, np.array(self.model.axes))] = free.reshape(-1, len(self.model.axes))
+        return nodes
+
+    def shape(self, free: np.ndarray) -> Shape:
+        """Vectors and lengths of all members."""
+        among = np.concatenate((free, self._held))
+        ends = among.take(self._ends)
+        vectors = ends[1] - ends[0]
+        squared = np.add.reduce(vectors * vectors)
+        lengths = np.sqrt(squared)
+        return Shape(vectors, squared, lengths, lengths[: self._count])
+
+    def lengths(self, free: np.ndarray) -> np.ndarray:
+        """(S,) m, of the strings."""
+        first, second = np.concatenate((free, self._held)).take(self._ends_of_strings)
+        vectors = second - first
+        return np.sqrt(np.add.reduce(vectors * vectors))
+
+    def unbalanced(self, shape: Shape, load: np.ndarray, density: np.ndarray) -> np.ndarray:
+        """(n,) N: loads (n,) and the pull of the strings, or of all members, with these force densities, N/m."""
+        pull = (density * shape.vectors[:, : len(density)]).ravel()
+        return np.bincount(self._pulled[len(density)], np.concatenate((load, pull, -pull)), self.wide)[: self.size]
+
+    def bar_density(self, shape: Shape, force: np.ndarray) -> np.ndarray:
+        """(B,) N/m: bar force densities that balance forces (n,) best; no two bars share a node."""
+        first, second = np.concatenate((force, self._unfelt)).take(self._ends_of_bars)
+        along = np.add.reduce(shape.vectors[:, self._count :] * (second - first))
+        return along / (self._free_ends * shape.squared[self._count :])
+
+    def rows(self, shape: Shape, out: np.ndarray | None = None) -> np.ndarray:
+        """(S+B, n) m: derivatives of half the members' squared lengths; out: (S+B, `wide`), zeros at first."""
+        rows = np.zeros((len(shape.squared), self.wide)) if out is None else out
+        flat = rows.reshape(-1)
+        flat[self._row_second] = shape.vectors
+        flat[self._row_first] = -shape.vectors
+        return rows[:, : self.size]
