@@ -407,23 +407,10 @@ class LoadSteps:
         (pull, nu), reserve = found.pull, -found.pull[1]
         lever, push = found.push[1] + wound * nu, found.push[0] + wound * pull
         rate = reserve / lever * push + pull
-        bends = np.zeros(len(elongation))
+        bends, tangent, stiffness = np.zeros(len(elongation)), rate * (lever / reserve), float(saddle.stiffness[string])
         bends[laws.curved] = saddle.bend
-        return State(
-            z,
-            parameter,
-            laws,
-            rate * (lever / reserve),
-            elongation,
-            0.0,
-            string,
-            reserve,
-            lever,
-            rate,
-            push,
-            bends,
-            float(saddle.stiffness[string]),
-        )
+        known = elongation, 0.0, string, reserve, lever, rate, push, bends, stiffness
+        return State(z, parameter, laws, tangent, *known)
 
     def _bent(self, state: State) -> State:
         """A state with its second derivatives, as the strings' laws make them; the system is still that of the state."""

@@ -85,9 +85,9 @@ def matrices(model: Model, force=None) -> Matrices:
     statics.require_small(model, "finding its modes")
     point = statics.Surface(model, force, _Plain).at(statics.free_rows(model, model.nodes))
     strings = model.strings
-    length = np.linalg.norm(model.nodes[strings[:, 1]] - model.nodes[strings[:, 0]], axis=1)
+    length = statics.lengths_between(model.nodes, strings)
     growth = -statics.equilibrium_matrix(model)[:, : len(strings)].T @ point.basis
-    damping = (growth.T * np.where(length > model.rest_length, _dampers(model), 0.0)) @ growth
+    damping = (growth.T * np.where(length > model.rest_length, laws.slopes_at_rest(model), 0.0)) @ growth
     drag = _at_nodes(model, dict(model.drag))
     damping += (point.basis.T * drag) @ point.basis
     mass = point.basis.T @ mass_matrix(model) @ point.basis
@@ -102,11 +102,6 @@ class _Plain:
 
     def __init__(self, matrix: np.ndarray):
         self.matrix = matrix
-
-
-def _dampers(model: Model) -> np.ndarray:
-    """(S,) N s/m: slopes of the strings' damping tensions at rest."""
-    return np.array([d if law is None else laws.damping(law).slope(0.0) for d, law in zip(model.damping, model.damper)])
 
 
 def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:

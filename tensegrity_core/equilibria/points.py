@@ -65,12 +65,10 @@ class Point(NamedTuple):
 
     @property
     def values(self) -> np.ndarray:
-        """(r,) N/m, rising eigenvalues of the tangent stiffness."""
         return self.local.values
 
     @property
     def zero(self) -> float:
-        """N/m, what counts as round-off of them."""
         return self.local.zero
 
     @property

@@ -6,7 +6,10 @@ import math
 from bisect import bisect_left
 from functools import lru_cache
 
+import numpy as np
+
 from ..errors import InputError
+from ..model import Model
 from ..model.elements import Damper, Polynomial
 from ..quantities import number
 from .curves import PolynomialCurve
@@ -34,6 +37,11 @@ class Damping:
     def _at(self, rate: float) -> tuple[float, float, float]:
         size = abs(rate)
         return self._curves[bisect_left(self._ends, size)].value(size)
+
+
+def slopes_at_rest(model: Model) -> np.ndarray:
+    """(S,) N s/m: slopes of the strings' damping laws at rest."""
+    return np.array([d if law is None else damping(law).slope(0.0) for d, law in zip(model.damping.tolist(), model.damper)])
 
 
 @lru_cache(maxsize=256)

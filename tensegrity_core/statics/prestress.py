@@ -84,15 +84,13 @@ def rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray:
         if name in scene.prestress.rest_length:
             rest_length[i] = scene.prestress.rest_length[name]
             continue
-        pull = float(tension[i])
+        pull, key = float(tension[i]), f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
         try:
             elongation = string_law(model, i).elongation(pull)
         except (InputError, hysteresis.NoStableState) as failure:
-            key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
             raise scene.error(key, *two_parts(failure)) from None
         rest_length[i] = length[i] - elongation
         if rest_length[i] < 0.0:
-            key = f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
             problem = f"a tension of {pull:.6g} N stretches the string by {elongation:.6g} m, more than its length"
             raise scene.error(key, problem, "Lower the tension or raise the stiffness.")
     return rest_length

@@ -71,7 +71,7 @@ def _require_rates(scene: Scene, model: Model) -> None:
     inertia, owner = _inertia(model)
     for what, bound, unit, values in (
         ("stiffness", FASTEST_SWING**2, "N/m", _stiffest(model)),
-        ("damping", FASTEST_DECAY, "N s/m", _most_damped(model)),
+        ("damping", FASTEST_DECAY, "N s/m", laws.slopes_at_rest(model)),
     ):
         for i, value in enumerate(values):
             for node in model.strings[i]:
@@ -126,8 +126,3 @@ def _stiffest(model: Model) -> list[float]:
     for i, law in laws.curved_laws(model).items():
         found[i] = law.stiffest
     return found
-
-
-def _most_damped(model: Model) -> list[float]:
-    """N s/m of each string at small rates."""
-    return [d if law is None else laws.damping(law).slope(0.0) for d, law in zip(model.damping.tolist(), model.damper)]

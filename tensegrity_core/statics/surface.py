@@ -127,11 +127,6 @@ class SurfacePoint(NamedTuple):
         """Rising eigenvalues (r,) of the tangent stiffness, N/m; of a small structure."""
         return self.tangent.values
 
-    @property
-    def vectors(self) -> np.ndarray:
-        """Eigenvectors (r, r) of the tangent stiffness; of a small structure."""
-        return self.tangent.vectors
-
 
 class Surface:
     """A model under constant loads, as a potential energy over the free coordinates (n,) that keep the bars' lengths.

@@ -171,7 +171,7 @@ def test_force_and_tangent_stiffness_are_derivatives_of_the_energy(name, models)
         slope = (along[2] - along[0]) / (2 * h)
         assert -slope == pytest.approx(point.pull @ direction, abs=1e-6 * max(1.0, np.abs(point.pull).max()))
         curvature = (along[2] - 2 * along[1] + along[0]) / h**2
-        exact = np.sum(point.values * (point.vectors.T @ direction) ** 2)
+        exact = np.sum(point.values * (point.tangent.vectors.T @ direction) ** 2)
         # the second difference of the energy is good to round-off / h^2
         assert curvature == pytest.approx(exact, rel=1e-3, abs=1e-2)
 
