@@ -27,7 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import laws, statics
+from .. import statics
+from ..laws.dampers import slopes_at_rest
 from ..model import Model
 from ..statics import NEUTRAL
 
@@ -87,7 +88,7 @@ def matrices(model: Model, force=None) -> Matrices:
     strings = model.strings
     length = statics.lengths_between(model.nodes, strings)
     growth = -statics.equilibrium_matrix(model)[:, : len(strings)].T @ point.basis
-    damping = (growth.T * np.where(length > model.rest_length, laws.slopes_at_rest(model), 0.0)) @ growth
+    damping = (growth.T * np.where(length > model.rest_length, slopes_at_rest(model), 0.0)) @ growth
     drag = _at_nodes(model, dict(model.drag))
     damping += (point.basis.T * drag) @ point.basis
     mass = point.basis.T @ mass_matrix(model) @ point.basis

@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-from .dampers import damping, slopes_at_rest
+from .dampers import damping
 from .elements import law, part_law
 from .strings import StringLaw, curved_laws, element_law, slack_branches, string_law
 
-__all__ = [
-    "StringLaw",
-    "curved_laws",
-    "damping",
-    "element_law",
-    "law",
-    "part_law",
-    "slack_branches",
-    "slopes_at_rest",
-    "string_law",
-]
+__all__ = ["StringLaw", "curved_laws", "damping", "element_law", "law", "part_law", "slack_branches", "string_law"]

@@ -17,6 +17,7 @@ import numpy as np
 from .. import laws
 from ..errors import SceneError, SimulationError, TensegrityError
 from ..kernel import Kernel, load_library
+from ..laws.dampers import slopes_at_rest
 from ..model import Model
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def _require_rates(scene: Scene, model: Model) -> None:
     inertia, owner = _inertia(model)
     for what, bound, unit, values in (
         ("stiffness", FASTEST_SWING**2, "N/m", _stiffest(model)),
-        ("damping", FASTEST_DECAY, "N s/m", laws.slopes_at_rest(model)),
+        ("damping", FASTEST_DECAY, "N s/m", slopes_at_rest(model)),
     ):
         for i, value in enumerate(values):
             for node in model.strings[i]:
