@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from tensegrity_core import laws
 from tensegrity_core.article import experiments
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.kernel import Kernel, simulate
 from tensegrity_core.laws import hysteresis
-from tensegrity_core.laws.beam import beam_extrema
+from tensegrity_core.laws.beam import beam_displacement, beam_extrema, beam_force, beam_stiffness
 from tensegrity_core.model import Model, Result, held
 from tensegrity_core.model.elements import Beam, Series, Spring, Table
 
@@ -203,13 +203,13 @@ def smooth_first(parts: Sequence[Beam]) -> float:
     While it falls from f_max to f_min along its cubic, the others, still on I, are springs in series: the elongation grows
     throughout if 1/k + sum 1/f'_j < 1/|f'_first|.
     """
-    first = min(parts, key=lambda b: beam_extrema(b.Q, b.zeta, b.h).f_max)
-    others = [b for b in parts if b is not first]
-    ends = beam_extrema(first.Q, first.zeta, first.h)
+    first, *others = sorted(parts, key=lambda b: beam_extrema(*shape(b)).f_max)
+    ends = beam_extrema(*shape(first))
 
     def room(u: float) -> float:
-        force, fall = _beam(first, u)
-        return -1.0 / fall - sum(1.0 / _beam(b, _rising(b, force))[1] for b in others)
+        force, fall = beam_force(*shape(first), u), beam_stiffness(*shape(first), u)
+        places = [beam_displacement(*shape(b), force, "I") for b in others]
+        return -1.0 / fall - sum(1.0 / beam_stiffness(*shape(b), at) for b, at in zip(others, places))
 
     inside = 1e-6 * (ends.u_min - ends.u_max)
     bounds = ends.u_max + inside, ends.u_min - inside
@@ -217,16 +217,9 @@ def smooth_first(parts: Sequence[Beam]) -> float:
     return float(1.0 / least) if least > 0.0 else float("inf")
 
 
-def _beam(b: Beam, u: float) -> tuple[float, float]:
-    """Eq. 11 and its slope: N, N/m."""
-    x = u / b.h
-    force = b.Q * (b.zeta * x**3 - 3.0 * b.zeta * x**2 + 2.0 * (1.0 + b.zeta) * x)
-    return force, b.Q / b.h * (3.0 * b.zeta * x**2 - 6.0 * b.zeta * x + 2.0 * (1.0 + b.zeta))
-
-
-def _rising(b: Beam, force: float) -> float:
-    """m: where the beam bears the force on I."""
-    return brentq(lambda u: _beam(b, u)[0] - force, 0.0, beam_extrema(b.Q, b.zeta, b.h).u_max, xtol=1e-17)
+def shape(beam: Beam) -> tuple[float, float, float]:
+    """What the functions of `laws.beam` take."""
+    return beam.Q, beam.zeta, beam.h
 
 
 def cycle(parts: Sequence[Beam], k: float) -> list[tuple[int, float]]:

@@ -146,15 +146,6 @@ def shortened(metres: float, top: bool) -> Callable[[Model], Model]:
     return change
 
 
-def all_of(*changes: Callable[[Model], Model]) -> Callable[[Model], Model]:
-    def change(model: Model) -> Model:
-        for each in changes:
-            model = each(model)
-        return model
-
-    return change
-
-
 def tension_only(model: Model) -> Model:
     return replace(model, damping_law="tension_only")
 
@@ -207,7 +198,7 @@ OTHER = (
     Variant(
         "hold_tension_only",
         "48 N beyond 9 cm, and dampers never push",
-        all_of(at_nsh_strings("stiffness", value=0.0), tension_only),
+        lambda model: tension_only(BEYOND[0].change(model)),
     ),
 )
 TIGHTER = (

@@ -8,7 +8,6 @@ docs/stability.md has a `STUDY`, and writes a part of that page between two mark
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import math
 import os
@@ -24,11 +23,11 @@ import jinja2
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from tensegrity_core.files import replacing, write_text
 from tensegrity_core.output.export import write_columns
+from tensegrity_core.output.plots import few_colours
 
 from . import machine
 
@@ -103,12 +102,10 @@ def thinned(times: np.ndarray, rows: np.ndarray, count: int = 240) -> tuple[np.n
 def save(figure: Figure, path: Path, dpi: float = DPI) -> None:
     """Write a PNG of 256 colours (half the bytes), without dates, so that equal data give equal bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    png, said = io.BytesIO(), PngInfo()
+    said = PngInfo()
     said.add_text("Software", f"Matplotlib {matplotlib.__version__}")
-    figure.savefig(png, dpi=dpi)
-    few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    with replacing(path) as file:  # maximum coverage: a colour that is rare stays
-        few.save(file, "PNG", optimize=True, pnginfo=said)
+    with replacing(path) as file:
+        few_colours(figure, dpi).save(file, "PNG", optimize=True, pnginfo=said)
 
 
 def write_section(page: Path, name: str, text: str) -> None:

@@ -15,9 +15,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
 
 from ..files import replacing, write_text
+from ..output.plots import few_colours
 from .experiments import BEAM, beam_curve, honeycomb_marks
 
 DPI = 100
@@ -203,12 +203,10 @@ def write_figures(name: str, columns: Columns, stem: Path) -> list[Path]:
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write stem.png (256 colours, which halves it) and stem.svg (two decimals), each whole or not at all, without dates."""
     files = [stem.with_name(stem.name + suffix) for suffix in (".png", ".svg")]
-    png, svg = io.BytesIO(), io.StringIO()
-    figure.savefig(png, dpi=DPI)
+    svg = io.StringIO()
     figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    few = Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     with replacing(files[0]) as file:
-        few.save(file, format="PNG", optimize=True)
+        few_colours(figure, DPI).save(file, format="PNG", optimize=True)
     text = re.sub(r"(\d\.\d\d)\d+", r"\1", svg.getvalue())
     write_text(files[1], re.sub(r"[ \t]+$|^[ \t]+", "", text, flags=re.MULTILINE))
     return files
