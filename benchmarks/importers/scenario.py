@@ -103,22 +103,5 @@ def pack_source(destination: Path) -> Path:
     if done.returncode:
         raise RuntimeError(f"source.c could not be compiled: {done.stderr[-1000:]}")
     binary = f"binaries/{here()}/{SOURCE}{library.suffix}"
-    write_zip(destination, {"modelDescription.xml": DESCRIPTION.encode(), binary: library.read_bytes()})
+    write_zip(destination, {"modelDescription.xml": (HERE / "source.xml").read_bytes(), binary: library.read_bytes()})
     return destination
-
-
-UNKNOWNS = "".join(f'<Unknown index="{i}" dependencies=""/>' for i in (1, 2, 3))
-DESCRIPTION = f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="{SOURCE}" guid="{{4f4a9f0e-square-wave}}">
-  <CoSimulation modelIdentifier="{SOURCE}" canHandleVariableCommunicationStepSize="true"/>
-  <ModelVariables>
-    <ScalarVariable name="wave" valueReference="0" causality="output" initial="calculated"><Real/></ScalarVariable>
-    <ScalarVariable name="lift1" valueReference="1" causality="output" initial="calculated"><Real/></ScalarVariable>
-    <ScalarVariable name="lift2" valueReference="2" causality="output" initial="calculated"><Real/></ScalarVariable>
-  </ModelVariables>
-  <ModelStructure>
-    <Outputs>{UNKNOWNS}</Outputs>
-    <InitialUnknowns>{UNKNOWNS}</InitialUnknowns>
-  </ModelStructure>
-</fmiModelDescription>
-"""
