@@ -203,10 +203,10 @@ def write_figures(name: str, columns: Columns, stem: Path) -> list[Path]:
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write stem.png (256 colours, which halves it) and stem.svg (two decimals), each whole or not at all, without dates."""
     files = [stem.with_name(stem.name + suffix) for suffix in (".png", ".svg")]
-    svg = io.StringIO()
+    few, svg = few_colours(figure, DPI), io.StringIO()
     figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
     with replacing(files[0]) as file:
-        few_colours(figure, DPI).save(file, format="PNG", optimize=True)
+        few.save(file, format="PNG", optimize=True)
     text = re.sub(r"(\d\.\d\d)\d+", r"\1", svg.getvalue())
     write_text(files[1], re.sub(r"[ \t]+$|^[ \t]+", "", text, flags=re.MULTILINE))
     return files
