@@ -103,4 +103,16 @@ def _tools() -> Iterator[Finding]:
     else:
         wanted = "pip install ziglang"
         yield Finding("ziglang", "not installed: no FMUs for other platforms (--platforms)", wanted, needed=False)
+    yield _page()
     yield Finding("cache", f"{kept()}: {trouble(CACHE) or 'reference runs are kept there'}", needed=False)
+
+
+def _page() -> Finding:
+    """What `tensegrity view` fills its pages with."""
+    from tensegrity_core.output.page import bundle, found
+
+    if folder := found():
+        return Finding("web page", f"{folder}: tensegrity view works", needed=False)
+    if lacking := bundle.missing():
+        return Finding("web page", "not built: no tensegrity view", f"pip install {' '.join(lacking)}", needed=False)
+    return Finding("web page", "not built yet: the first tensegrity view does, which takes a minute and npm", needed=False)

@@ -18,6 +18,8 @@ import pytest
 
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
+from tensegrity_core.output.page import bundle
+from tensegrity_core.output.page.made import folder_of_parts
 from tensegrity_core.scene import builtin_scenes
 from tests.support import scene
 
@@ -47,6 +49,18 @@ def once(tmp_path_factory, name: str, make) -> Path:
     make(folder)
     ready.touch()
     return folder
+
+
+@pytest.fixture(scope="session")
+def made_page(tmp_path_factory) -> None:
+    """What all web pages have in common is built by one process while others wait, where it can be."""
+
+    def make(folder):
+        folder.mkdir()
+        if not bundle.missing():
+            folder_of_parts()
+
+    once(tmp_path_factory, "made_page", make)
 
 
 def packed(tmp_path_factory, kind: str, pack) -> dict[str, Path]:

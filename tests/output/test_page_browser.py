@@ -18,7 +18,7 @@ from tests.support.browser import CHROMIUM, Browser
 from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, POLE, built
 from tests.support.tools import PAGE
 
-pytestmark = [CHROMIUM, PAGE]
+pytestmark = [CHROMIUM, PAGE, pytest.mark.usefixtures("made_page")]
 APP = "window.tensegrity"
 END = f"{APP}.record.frames.at(-1)"
 #: Where a node is on the screen.
@@ -29,7 +29,7 @@ PLACE = f"""(node => {{
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory):
+def pages(made_page, tmp_path_factory):
     """Name -> file: live pages of scenes, and a run."""
     folder = tmp_path_factory.mktemp("pages")
     found = {name: folder / f"{name}.html" for name in ("three_bar_nsh", "two_bar_nsh", "six_bar_nsh")}

@@ -79,7 +79,7 @@ def environment(folder: Path, wheel: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def home(tmp_path_factory) -> Path:
+def home(made_page, tmp_path_factory) -> Path:
     """The folder of somebody who has the wheel only; in it venv/ and the wheel."""
 
     def make(folder):

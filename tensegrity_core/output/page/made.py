@@ -39,13 +39,21 @@ def parts(say: Callable[[str], object] = lambda text: None) -> Parts:
     return Parts(template, script, style, (folder / bundle.KERNEL).read_bytes())
 
 
+def found() -> Path | None:
+    """The folder with FILES that came with the package or was made before; None: there is none."""
+    places = [_kept()] if clone() else [BUILT, _kept()]
+    return next((place for place in places if all((place / name).is_file() for name in FILES)), None)
+
+
+def _kept() -> Path:
+    return kept() / "page" / bundle.digest(build)
+
+
 def folder_of_parts(say: Callable[[str], object] = lambda text: None) -> Path:
     """The folder with FILES; see `parts`."""
-    if not clone() and all((BUILT / name).is_file() for name in FILES):
-        return BUILT
-    folder = kept() / "page" / bundle.digest(build)
-    if all((folder / name).is_file() for name in FILES):
+    if folder := found():
         return folder
+    folder = _kept()
     if lacking := bundle.missing():
         raise TensegrityError(f"the page is built once from its sources, which takes: pip install {' '.join(lacking)}")
     say("building the page (once; up to a minute) ...")
