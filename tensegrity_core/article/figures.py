@@ -148,7 +148,8 @@ def figure_9(columns: Columns) -> Figure:
             axes.set_visible(False)
         for scene in (name + "_nsh", name):
             for column in fnmatch.filter(columns, f"{scene}.n*.d[xyz]"):
-                _, node, (_, axis) = column.split(".")
+                _, node, change = column.split(".")
+                axis = change[1:]
                 axes, nsh = row["xyz".index(axis)], _with_nsh(scene)
                 axes.set_visible(True)
                 axes.plot(columns["time"], 1e3 * columns[column], **LINES[nsh], label=LABELS[nsh])
