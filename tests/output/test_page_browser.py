@@ -109,6 +109,8 @@ def test_a_node_follows_the_pointer_and_honeycombs_snap(opened, name, node):
     page.wait(f"{APP}.live.pull === null")
     drawn = page.run(f"{APP}.structure.full.count")
     assert drawn == page.run(f"{APP}.honeycombs.snapped.flat().filter(Boolean).length")
+    snapped = page.run(f"{APP}.honeycombs.snapped")
+    assert all(one == sorted(one, reverse=True) for one in snapped)  # the article's beams stand in the order of their strength
     gap = page.run(f"Math.abs(Number.parseFloat({APP}.panel.gap.textContent))")
     assert gap < 1e-6  # J
 

@@ -5,28 +5,29 @@ export class Honeycombs {
   // honeycombs: [{string, beams, rise, fall}], rise and fall: beams in the order in which they snap and return
   constructor(honeycombs) {
     this.honeycombs = honeycombs;
-    this.clear();
+    this.#clear();
   }
 
-  clear() {
+  #clear() {
+    this.shown = -1; // index of the frame whose beams these are
     this.snapped = this.honeycombs.map(({ beams }) => new Array(beams).fill(false));
   }
 
-  // Take a later frame's counts; returns for each honeycomb a list of booleans.
-  follow(counts) {
+  // Take a later frame's counts.
+  #follow(counts) {
     this.honeycombs.forEach(({ rise, fall }, place) => {
       const snapped = this.snapped[place];
       let count = snapped.filter(Boolean).length;
       for (const beam of rise) if (count < counts[place] && !snapped[beam]) count += Number((snapped[beam] = true));
       for (const beam of fall) if (count > counts[place] && snapped[beam]) count -= Number(!(snapped[beam] = false));
     });
-    return this.snapped;
   }
 
-  // After frames were passed over: from the first of the record up to this one.
-  replay(frames, last) {
-    this.clear();
-    for (let i = 0; i <= last; i++) this.follow(frames[i].snapped);
+  // Go to the frame of this index, by all before it; returns for each honeycomb a list of booleans.
+  show(record, index) {
+    if (index < this.shown || record.version !== this.version) this.#clear();
+    this.version = record.version;
+    while (this.shown < index) this.#follow(record.frames[++this.shown].snapped);
     return this.snapped;
   }
 }

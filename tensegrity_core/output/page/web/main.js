@@ -44,7 +44,6 @@ class App {
     this.spent = []; // ms of work in the last frames
     this.intervals = []; // ms between them
     this.honeycombs = new Honeycombs(model.honeycombs);
-    this.followed = -1;
     const canvas = document.getElementById("stage");
     this.stage = new Stage(canvas, model);
     this.structure = new Structure(this.stage, model);
@@ -77,7 +76,6 @@ class App {
       this.live.rewind(this.time);
       this.time = this.record.end;
       this.panel.sync();
-      this.followed = -1;
     }
     if (on && !this.live && this.time >= this.record.end) this.time = this.record.start;
     if (on && this.live?.failure) return;
@@ -116,7 +114,6 @@ class App {
 
   #begun() {
     this.time = this.record.start;
-    this.followed = -1;
     this.warned = false;
     this.structure.largest = this.push = 0;
     this.#scale();
@@ -237,9 +234,7 @@ class App {
   }
 
   #draw(frame, index, now) {
-    if (index === this.followed + 1) this.honeycombs.follow(frame.snapped);
-    else if (index !== this.followed) this.honeycombs.replay(this.record.frames, index);
-    this.followed = index;
+    this.honeycombs.show(this.record, index);
     this.structure.restLengths = this.live ? this.live.kernel.field("rest_length") : this.model.restLengths;
     const seen = { snapped: this.honeycombs.snapped, chosen: this.chosen, arrowScale: this.arrowScale, pulled: this.live?.pull?.node };
     this.structure.update(frame, { ...this.show, ...seen });
