@@ -149,11 +149,12 @@ void peer_rhs(peer *p, const double *x, double *dx)
 /* [0 I; Jq Jv], from the blocks that the kernel stores. */
 void peer_jacobian(peer *p, const double *x, double *J)
 {
-    const ts_sim *sim = p->sim;
+    ts_sim *sim = p->sim;
     const ts_pattern *pattern = &sim->linear.pattern;
     int n = p->n, nq = p->nq, D = pattern->D;
     p->counts.jacobians++;
-    ts_rhs_jacobian(p->sim, 0.0, x);
+    sim->linear.ready = 0; /* what is at hand belongs to another state */
+    ts_rhs_jacobian(sim, 0.0, x);
     memset(J, 0, sizeof(double) * (size_t)(n * n));
     for (int i = 0; i < nq; i++) J[(nq + i) * n + i] = 1.0;
     for (int i = 0; i < pattern->n; i++)

@@ -74,7 +74,11 @@ static void *read_file(const char *path, size_t *size)
 /* ---- Parts of a step ---- */
 
 static void rhs(ts_sim *sim) { ts_rhs(sim, 0.0, sim->state.y, sim->start.f); }
-static void jacobian(ts_sim *sim) { ts_rhs_jacobian(sim, 0.0, sim->state.y); }
+static void jacobian(ts_sim *sim)
+{
+    sim->linear.ready = 0;
+    ts_rhs_jacobian(sim, 0.0, sim->state.y);
+}
 
 static void factorise(ts_sim *sim)
 {
