@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.article import equilibrium_paths
 from benchmarks.harness import machine, problems
-from benchmarks.peers import article, native, toolchain
+from benchmarks.peers import article, native, scipy_compiled, toolchain
 from benchmarks.peers.ladder import Ladder, Run, too_long
 from benchmarks.speed import fmu_speed, growth, method_choice, scene_costs, speed, unused_parts
 from benchmarks.work_precision import data, figures, nsh, report, targets
@@ -333,3 +333,17 @@ def test_the_article_s_formulation_runs_through_snaps():
     exact = kernel.simulate(problem.model, held(problem.model, times, lambda t: problem.force))
     assert len({piece for t in exact.transitions for piece in (t.before, t.after)}) > 2
     assert np.abs(run.position - exact.position[:, :, list(problem.model.axes)]).max() < 1e-5
+
+
+def test_the_peers_jacobian_belongs_to_the_state_that_is_asked(tools, tmp_path):
+    """At two states, against differences of the right-hand side: other solvers are handed both."""
+    bench = native.Bench(problems.pushed("two_bar", 500.0), tools, tmp_path)
+    compiled = scipy_compiled.Compiled(bench, True)
+    compiled.begin(60.0)
+    found = []
+    for x in (compiled.start, compiled.start + 1e-2 * np.sin(np.arange(compiled.n))):
+        found.append(compiled.jacobian(0.0, x).copy())
+        ways = 1e-6 * np.eye(compiled.n)
+        columns = [(compiled.rhs(0.0, x + way) - compiled.rhs(0.0, x - way)) / 2e-6 for way in ways]
+        assert np.abs(found[-1] - np.transpose(columns)).max() < 1e-6 * np.abs(found[-1]).max()
+    assert np.abs(found[1] - found[0]).max() > 1e-3 * np.abs(found[0]).max()
