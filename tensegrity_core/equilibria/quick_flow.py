@@ -99,10 +99,10 @@ class _Flow:
             if step is None or not saddle.definite():
                 slowness = max(SHORTER * slowness, least)
                 continue
-            size = float(np.abs(step[:n]).max()) / self._longest
+            size = float(np.maximum.reduce(np.abs(step[:n]))) / self._longest
             if len(narrow):
                 after = np.maximum(elongation + saddle.directions(self._beams) @ step[:n], 0.0)  # slack, it may go far
-                size = max(size, float((np.abs(after - before) / narrow).max()))
+                size = max(size, float(np.maximum.reduce(np.abs(after - before) / narrow)))
             if size <= 1.0 or mends:
                 self.slowness, self.size = slowness, size
                 return step
