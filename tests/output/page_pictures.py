@@ -25,6 +25,8 @@ from tests.support import scene
 from tests.support.browser import Browser
 
 ROOT = Path(__file__).resolve().parents[2]
+DATA, PAGE = ROOT / "docs" / "view.json", ROOT / "docs" / "view.md"
+MARKS = "<!-- frames -->\n", "<!-- end of frames -->\n"
 SECONDS = 4.0  # of which frames are timed
 SHARES = (0.5, 0.95)
 
@@ -77,6 +79,19 @@ def pictures(folder: Path) -> None:
             write_bytes(ROOT / "docs" / "figures" / f"view_{name}.png", shrunk(page.picture(), width))
 
 
+def with_table(page: str, found: dict[str, Any]) -> str:
+    """The page with the table of these times between its marks."""
+    head, rest = page.split(MARKS[0])
+    _, tail = rest.split(MARKS[1])
+    rows = [
+        f"| {name} | {one['between'][0]:.0f} | {one['between'][1]:.0f} | {one['work'][0]:.0f} | {one['pace']:.2f} |"
+        for name, one in found["times"].items()
+    ]
+    table = "| | median, ms | 95 of 100 within, ms | work of the page in it, ms | simulated s per s |\n|---|---|---|---|---|\n"
+    machine = f"{found['machine']['processor']}, commit {found['machine']['commit']}, {found['machine']['date']}"
+    return head + MARKS[0] + table + "\n".join(rows) + f"\n\n({machine}.)\n" + MARKS[1] + tail
+
+
 def main() -> None:
     times: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -92,7 +107,9 @@ def main() -> None:
                 times[name]["problems"] = page.problems
                 print(name, times[name], flush=True)
     if "--times" not in sys.argv:
-        write_text(ROOT / "docs" / "view.json", json.dumps(times | {"machine": describe()}, indent=1) + "\n")
+        found = {"times": times, "machine": describe()}
+        write_text(DATA, json.dumps(found, indent=1) + "\n")
+        write_text(PAGE, with_table(PAGE.read_text(encoding="utf-8"), found))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from tensegrity_core.output.export import write_result
 from tensegrity_core.output.page import bundle, made, model_of_fmu, page, parts, result_of_file
 from tensegrity_core.output.page.made import FILES, folder_of_parts
 from tensegrity_core.scene import builtin_scenes
+from tests.output import page_pictures
 from tests.output.page_runs import differences, side_by_side
 from tests.support import push, scene
 from tests.support.tools import PAGE
@@ -85,6 +86,11 @@ def test_a_page_is_small_and_asks_for_nothing(name):
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", html)
     assert told(html)["nodeNames"] == list(scene(name).node_names) and "run" not in told(html)
     assert html == page(scene(name))  # the same model gives the same bytes
+
+
+def test_the_table_of_frames_is_that_of_the_measurement():
+    text = page_pictures.PAGE.read_text(encoding="utf-8")
+    assert text == page_pictures.with_table(text, json.loads(page_pictures.DATA.read_text(encoding="utf-8")))
 
 
 @PAGE

@@ -52,8 +52,8 @@ def browser():
 def opened(browser, pages):
     """opened(name): the browser with that page; at the end it has complained of nothing."""
 
-    def show(name):
-        browser.open(pages[name])
+    def show(name, hash=""):
+        browser.open(pages[name], hash=hash)
         browser.wait(f"{APP} && {APP}.intervals.length > 2")
         return browser
 
@@ -85,12 +85,18 @@ def colours(browser) -> int:
     return len(box.getcolors(1 << 24))
 
 
-def test_it_draws_and_runs_at_rest(opened):
-    page = opened("three_bar_nsh")
+@pytest.mark.parametrize("hash", ["", "#webgl"])
+@pytest.mark.parametrize("name", ["three_bar_nsh", "two_bar_nsh"])
+def test_it_draws_and_runs_at_rest(opened, name, hash):
+    """On a plain canvas, and by WebGL, which software plays here."""
+    page = opened(name, hash)
+    assert page.run(f"{APP}.stage.flat") == (not hash) and page.run(f"{APP}.stage.renderer.isWebGLRenderer ?? false") == bool(
+        hash
+    )
     page.wait(f"{APP}.time > 0.2")
     assert page.run(f"{APP}.playing") and page.run(f"{APP}.live.failure") is None
-    assert colours(page) > 100
-    start = np.array(scene("three_bar_nsh").nodes)
+    assert colours(page) > 60
+    start = np.array(scene(name).nodes)
     now = np.array(page.run(f"[...{APP}.structure.places]")).reshape(-1, 3)
     np.testing.assert_allclose(now, start, atol=1e-9)  # in equilibrium
 

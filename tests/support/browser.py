@@ -123,9 +123,10 @@ class Browser:
             raise RuntimeError(answer["exceptionDetails"]["exception"]["description"])
         return answer["result"].get("value")
 
-    def open(self, path: Path, ready: str = "document.documentElement?.dataset.ready") -> None:
-        """Load a file and wait until an expression is true."""
-        self.call("Page.navigate", url=path.resolve().as_uri())
+    def open(self, path: Path, ready: str = "document.documentElement?.dataset.ready", hash: str = "") -> None:
+        """Load a file and wait until an expression is true.  hash: of the address, with its #."""
+        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url=path.resolve().as_uri() + hash)
         self.wait(ready)
 
     def wait(self, condition: str, seconds: float = 60.0) -> None:

@@ -18,7 +18,8 @@ export class Kernel {
   #calls;
   #memory;
   #sim;
-  #scratch;
+  #scratch; // for saved states
+  #counters;
 
   // module: see compile; packed: bytes of a packed model; fields, integers: name -> [start, stop] in the blocks of numbers
   constructor(module, packed, fields, integers) {
@@ -81,9 +82,9 @@ export class Kernel {
 
   // Counters since initialize(), in the order of fields.STATS.
   stats(count) {
-    const place = this.#calls.malloc(8 * count);
-    this.#calls.ts_stats(this.#sim, place);
-    return Array.from(new BigInt64Array(this.#memory.buffer, place, count), Number);
+    this.#counters ??= this.#calls.malloc(8 * count);
+    this.#calls.ts_stats(this.#sim, this.#counters);
+    return Array.from(new BigInt64Array(this.#memory.buffer, this.#counters, count), Number);
   }
 
   save() {

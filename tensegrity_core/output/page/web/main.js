@@ -293,9 +293,7 @@ async function begin() {
 begin().catch((error) => {
   const place = document.getElementById("notice");
   place.hidden = false;
-  place.textContent = /webgl/i.test(error.message)
-    ? "This browser draws no 3D pictures (WebGL is off); turn on hardware or software rendering in its settings."
-    : `This page cannot run here: ${error.message}`;
+  place.textContent = `This page cannot run here: ${error.message}`;
   document.documentElement.dataset.ready = "no";
   console.error(error);
 });

@@ -8,6 +8,8 @@ export class Model {
     Object.assign(this, told);
     this.firstOutput = this.fields.position[0];
     this.size = Math.max(...[0, 1, 2].map((axis) => spread(this.nodes.map((node) => node[axis])))) || 1;
+    const members = [...this.barLengths, ...this.startLengths].sort((one, other) => one - other);
+    this.member = Math.min(this.size, members[Math.floor(members.length / 2)] ?? this.size); // a usual member's length, m
     this.planar = this.axes.length === 2;
     this.outOfPlane = this.planar ? [0, 1, 2].find((axis) => !this.axes.includes(axis)) : -1;
     this.fixed = this.nodes.map((_, node) => !this.free.includes(node));

@@ -5,9 +5,10 @@ import {
   LineSegments, Mesh, MeshBasicMaterial, OrthographicCamera, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { FlatRenderer } from "./flat.js";
 import { css } from "./palette.js";
 
-export const FOOT = 0.045; // height of a foot under a held node, of the structure's size
+export const FOOT = 0.058; // height of a foot under a held node, of a usual member's length
 
 const ELEVATION = (16 * Math.PI) / 180;
 const AZIMUTH = (-50 * Math.PI) / 180;
@@ -19,8 +20,12 @@ export class Stage {
   constructor(canvas, model) {
     this.canvas = canvas;
     this.model = model;
-    this.software = drawsBySoftware();
-    this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
+    const card = graphics();
+    this.software = card !== "card";
+    this.flat = this.software && !(location.hash === "#webgl" && card); // that asks for WebGL where software plays it
+    this.renderer = this.flat
+      ? new FlatRenderer({ canvas })
+      : new WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
     this.scene = new Scene();
     this.sun = new DirectionalLight(0xffffff, 2.2);
     this.scene.add(new AmbientLight(0xffffff, 1.6), this.sun);
@@ -32,7 +37,7 @@ export class Stage {
     this.controls.enableDamping = false;
     this.ground = new Group();
     this.scene.add(this.ground);
-    this.sharpness = this.software ? 1 : Math.min(2, window.devicePixelRatio || 1);
+    this.sharpness = this.software && !this.flat ? 1 : Math.min(2, window.devicePixelRatio || 1);
     this.slow = 0;
     this.home();
     this.recolour();
@@ -83,7 +88,7 @@ export class Stage {
         const half = (FIELD_OF_VIEW * Math.PI) / 360;
         const narrow = Math.min(half, Math.atan(Math.tan(half) * aspect));
         const direction = this.camera.position.clone().sub(this.controls.target).normalize();
-        this.camera.position.copy(this.controls.target).addScaledVector(direction, (1.02 * this.radius) / Math.sin(narrow));
+        this.camera.position.copy(this.controls.target).addScaledVector(direction, (1.06 * this.radius + 2 * FOOT * this.model.member) / Math.sin(narrow));
       }
     }
     this.camera.updateProjectionMatrix();
@@ -97,7 +102,7 @@ export class Stage {
     if (height === null) return;
     const { centre, radius } = this.bounds();
     if (this.model.planar) {
-      const below = height - FOOT * this.model.size;
+      const below = height - FOOT * this.model.member;
       this.ground.add(lines([[-40, 0, 40, 0]].map((l) => l.map((v) => v * radius)), css("--mark"), centre, below, true));
       const hatches = Array.from({ length: 161 }, (_, i) => {
         const x = (i - 80) * 0.08 * radius;
@@ -148,14 +153,14 @@ export class Stage {
   }
 }
 
-// Whether there is no graphics card: then smooth edges cost more than they are worth.
-function drawsBySoftware() {
+// What draws WebGL: "card", "software", or null: nothing does.
+function graphics() {
   const gl = document.createElement("canvas").getContext("webgl2");
-  if (!gl) return false;
+  if (!gl) return null;
   const names = gl.getExtension("WEBGL_debug_renderer_info");
   const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
   gl.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name) ? "software" : "card";
 }
 
 function gridStep(radius) {

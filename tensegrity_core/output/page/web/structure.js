@@ -23,26 +23,28 @@ export class Structure {
     const beams = model.honeycombs.reduce((sum, honeycomb) => sum + honeycomb.beams, 0);
     const rod = new CylinderGeometry(1, 1, 1, 12, 1);
     const thin = new CylinderGeometry(1, 1, 1, 6, 1);
-    this.bars = this.#mesh(rod, "--bar", model.bars.length);
-    this.strings = this.#mesh(thin, null, model.strings.length * (DASHES + 2));
-    this.nodes = this.#mesh(new SphereGeometry(1, 14, 10), "--bar", model.nodes.length);
-    this.feet = this.#mesh(new ConeGeometry(1, 1, model.planar ? 3 : 4), "--support", model.nodes.length);
-    this.shadows = this.#mesh(rod, "--shadow", model.floor === null || model.planar ? 0 : model.bars.length, true);
-    this.open = this.#mesh(new RingGeometry(0.66, 1, 6), null, beams, true);
-    this.full = this.#mesh(new CircleGeometry(1, 6), null, beams, true);
-    this.shafts = this.#mesh(thin, "--force", 2 * model.nodes.length + 1, true);
-    this.heads = this.#mesh(new ConeGeometry(1, 1, 10), "--force", 2 * model.nodes.length + 1, true);
-    this.thick = 0.014 * model.size;
+    this.bars = this.#mesh("bar", rod, "--bar", model.bars.length);
+    this.strings = this.#mesh("tube", thin, null, model.strings.length * (DASHES + 2));
+    this.nodes = this.#mesh("ball", new SphereGeometry(1, 14, 10), "--bar", model.nodes.length);
+    this.feet = this.#mesh("cone", new ConeGeometry(1, 1, model.planar ? 3 : 4), "--support", model.nodes.length);
+    this.shadows = this.#mesh("shadow", rod, "--shadow", model.floor === null || model.planar ? 0 : model.bars.length, true);
+    this.open = this.#mesh("ring", new RingGeometry(0.66, 1, 6), null, beams, true);
+    this.full = this.#mesh("disc", new CircleGeometry(1, 6), null, beams, true);
+    this.shafts = this.#mesh("tube", thin, "--force", 2 * model.nodes.length + 1, true);
+    this.heads = this.#mesh("cone", new ConeGeometry(1, 1, 10), "--force", 2 * model.nodes.length + 1, true);
+    this.thick = 0.018 * model.member;
     this.largest = 0; // tension at the end of the colour scale, N
     this.places = new Float64Array(3 * model.nodes.length);
     this.recolour();
   }
 
-  #mesh(geometry, colour, count, flat = false) {
+  // kind: of its parts, for flat.js
+  #mesh(kind, geometry, colour, count, flat = false) {
     const Material = flat ? MeshBasicMaterial : MeshLambertMaterial;
     const mesh = new InstancedMesh(geometry, new Material({ side: flat ? DoubleSide : FrontSide }), Math.max(1, count));
     mesh.instanceMatrix.setUsage(DynamicDrawUsage);
     mesh.frustumCulled = false;
+    mesh.kind = kind;
     mesh.colour = colour;
     mesh.count = 0;
     this.group.add(mesh);
@@ -91,7 +93,7 @@ export class Structure {
     const wide = this.thick * (chosen?.kind === "node" && chosen.index === node ? 1.9 : 1.25);
     put(this.nodes, matrix.makeScale(wide, wide, wide).setPosition(a));
     if (!this.model.fixed[node]) return;
-    const tall = FOOT * this.model.size;
+    const tall = FOOT * this.model.member;
     turn.setFromUnitVectors(UP, this.stage.camera.up);
     const lift = this.model.planar ? -0.5 : 0.5; // in space a foot stands on the ground that its node lies on
     put(this.feet, matrix.compose(b.copy(a).addScaledVector(this.stage.camera.up, lift * tall), turn, c.set(tall * 0.8, tall, tall * 0.8)));
@@ -149,7 +151,7 @@ export class Structure {
   }
 
   #drawCells(string, honeycomb, wide, colour, snapped, slack) {
-    const size = this.model.size;
+    const size = this.model.member;
     const length = a.distanceTo(b) || 1e-9;
     const start = this.model.startLengths[string];
     const beams = snapped.length;
@@ -158,7 +160,7 @@ export class Structure {
     d.subVectors(b, a).divideScalar(length);
     const weights = snapped.map((one) => (one ? 1.55 : 1));
     const unit = row / weights.reduce((sum, one) => sum + one, 0);
-    const tall = Math.min(0.026 * size, 1.1 * unit);
+    const tall = Math.min(0.032 * size, 1.1 * unit);
     const deep = slack ? this.#sag(string) : 0;
     const first = 0.5 * (1 - row / length);
     this.#line(string, 0, first, wide, colour, deep);
@@ -196,7 +198,7 @@ export class Structure {
     if (shown.reactions) {
       model.vectors(model.of(frame, "reaction"), model.grounded, (node, x, y, z) => {
         b.set(x, y, z).multiplyScalar(scale);
-        const apart = (1.2 * FOOT * model.size) / (b.length() || 1); // its tip shows beside the foot
+        const apart = (1.2 * FOOT * model.member) / (b.length() || 1); // its tip shows beside the foot
         this.#arrow(this.node(node, a).addScaledVector(b, -1 - apart), b, true);
       });
     }
