@@ -34,8 +34,6 @@ def view(
     debug: Debug = False,
 ) -> None:
     """Write a web page in which a structure moves, and can be pulled.  It needs no network."""
-    import webbrowser
-
     from ..output.export import require_writable
     from ..output.page import parts, write_page
 
@@ -49,7 +47,7 @@ def view(
     happens = "the model runs in it" if result is None else f"it plays {result.times[-1] - result.times[0]:g} s"
     print(f"{model.name}: page written to {path} ({size / 1e6:.1f} MB, needs no network); {happens}")
     if show:
-        webbrowser.open(path.resolve().as_uri())
+        typer.launch(path.resolve().as_uri())
 
 
 def _shown(
