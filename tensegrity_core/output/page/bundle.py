@@ -92,5 +92,6 @@ def _bundle(folder: Path) -> None:
 def _run(command: list[str], folder: Path) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", stdin=subprocess.DEVNULL)
     if done.returncode:
-        said = (done.stderr or done.stdout).strip()
-        raise RuntimeError(f"{' '.join(command[:2])} failed: {said[-600:]}")
+        said = [line for line in (done.stderr or done.stdout).splitlines() if line.strip()]
+        telling = [line for line in said if " code " in line or "rror: " in line] or said[-2:]  # else npm says a page
+        raise RuntimeError(f"{Path(command[0]).stem} {command[1]} failed: {'; '.join(telling[:2])[:300]}")

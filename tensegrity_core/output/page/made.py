@@ -61,5 +61,6 @@ def folder_of_parts(say: Callable[[str], object] = lambda text: None) -> Path:
         with replacing_folder(folder) as fresh:
             bundle.make(fresh, build)
     except (RuntimeError, OSError) as failure:
-        raise TensegrityError(f"the page could not be built: {failure}") from failure
+        remedy = "this takes the npm registry once; a wheel brings the page with it"
+        raise TensegrityError(f"the page could not be built: {failure}; {remedy}") from failure
     return folder
