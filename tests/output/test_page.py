@@ -141,6 +141,19 @@ def test_flat_names_of_an_fmus_variables_are_understood(tmp_path):
     assert page(model_of_fmu(fmu)) == page(model)
 
 
+@PAGE
+def test_the_browser_is_asked_for_on_demand(tmp_path, monkeypatch, capsys):
+    """In a folder and with a file whose names an address has to write otherwise."""
+    folder = tmp_path / "ü #1"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    asked = []
+    monkeypatch.setattr("typer.launch", asked.append)
+    assert main(["view", "two_bar", "--output", "a b.html"]) == 0 and not asked
+    assert main(["view", "two_bar", "--output", "a b.html", "--open"]) == 0
+    assert asked == [(folder / "a b.html").resolve().as_uri()] and "%20" in asked[0] and "%231" in asked[0]
+
+
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
 def test_a_run_that_simulate_wrote_is_read_back(suffix, tmp_path):
     model = scene("three_bar_nsh")
