@@ -12,6 +12,8 @@
  * `get`: 100 variables.  "allocations n" counts malloc, calloc and realloc in all the FMU's steps, settings and readings.  Times
  * are processor times. */
 #define _GNU_SOURCE
+#include "../harness/clock.h"
+
 #include "fmi2Functions.h"
 #include "tensegrity.h"
 
@@ -20,7 +22,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define STEPS 2000 /* of a run */
 #define CALLS 2000 /* of fmi2SetReal and fmi2GetReal */
@@ -70,13 +71,6 @@ static void give_up(const char *what, const char *why)
 static void require(int holds, const char *what)
 {
     if (!holds) give_up(what, "failed");
-}
-
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
 static void report(const char *name, double seconds, double count) { printf("%s %.6g\n", name, 1e9 * seconds / count); }

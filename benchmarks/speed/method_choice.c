@@ -1,9 +1,9 @@
 /* Runs a kernel over a table of held inputs and measures the processor time of its steps alone.  Compiled into a library that
  * benchmarks/speed/method_choice.py calls; the kernel comes as functions, so that several of them can be compared in one process. */
-#define _POSIX_C_SOURCE 199309L
+#include "../harness/clock.h"
+
 #include <stdint.h>
 #include <string.h>
-#include <time.h>
 
 typedef struct ts_sim ts_sim;
 
@@ -12,13 +12,6 @@ typedef struct {
     int (*step)(ts_sim *sim, double h);
     double *(*values)(ts_sim *sim);
 } kernel;
-
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* One run: `count` calls of lengths h (s), the first `width` values of the block set to a row before each (rows: how many there
  * are; the last one stays).  Returns the processor time of all calls, s, or -1 - status of the call that failed; most: seconds

@@ -6,32 +6,24 @@
  *
  * Attempts lost: the step with the transition goes only part of its way, and those after the new start are short or rejected
  * until one is as long again.  Lost are the attempts of that time, less as many steps of the former length as cover it. */
-#define _POSIX_C_SOURCE 199309L
+#include "../harness/clock.h"
+
 #include "model/data.h"
 #include "steps/auto.h"
 #include "steps/events.h"
 
 #include <math.h>
-#include <time.h>
 
-int tracing;         /* clock and count run */
-double traced, lost; /* s and attempts, sums over all transitions */
-
+static int tracing;                          /* clock and count run */
+static double traced, lost;                  /* s and attempts, sums over all transitions of a run */
 static double began, clock_takes = INFINITY; /* s */
 static double start, length, former;         /* s: of the present step, its length, and that before the transition */
 static int64_t counted;                      /* attempts so far */
 static int recovering;                       /* steps are still shorter than before the transition */
 
-static double now(void)
+static void trace_anew(void)
 {
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* Call it before each run. */
-void trace_anew(void)
-{
+    traced = lost = 0.0;
     recovering = 0;
     counted = 0;
     for (int i = 0; i < 10; i++) {
@@ -67,3 +59,15 @@ static void restart_ends(double tau)
     (search_begins(sim, tau, h), ts_first_transition(sim, method, tau, h, __VA_ARGS__))
 #define ts_review_restart(sim, tau, h) (ts_review_restart(sim, tau, h), restart_ends(tau))
 #include "steps/integrate.c"
+
+/* Of one call of ts_step(), s, or negative where it fails; trace: sums over its transitions, s and attempts, or NULL for none. */
+TS_API double time_step(ts_sim *sim, double h, double trace[2])
+{
+    trace_anew();
+    tracing = trace != NULL;
+    double begin = now();
+    int status = ts_step(sim, h);
+    double spent = now() - begin;
+    if (trace) trace[0] = traced, trace[1] = lost;
+    return status ? -1.0 : spent;
+}

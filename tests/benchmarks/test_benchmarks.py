@@ -249,7 +249,7 @@ def test_front_keeps_what_nothing_beats():
 
 def test_costs_of_a_scene_are_measured():
     """At a transition a fixed step falls into two attempts, so one is lost; methods that start anew lose more."""
-    found = scene_costs.measure([scene_costs.Subject("three_bar", scene("three_bar"), scene_costs.RUNS)], 1)[0]
+    found = scene_costs.measure([scene_costs.Subject("three_bar", scene("three_bar"), "rc")], 1)[0]
     methods = found["methods"]
     assert methods["ros2"]["attempts_lost"] == pytest.approx(1.0, abs=1e-6)
     assert all(1.0 < methods[name]["attempts_lost"] < 100.0 for name in ("dop853", "rodas5p", "radau9"))
