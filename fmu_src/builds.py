@@ -102,6 +102,18 @@ def make(options: Options) -> int:
     return validate(models, built, options) if options.validate else 0
 
 
+def built(options: Options) -> dict[str, Path]:
+    """The FMUs of one scene by their runtimes, for scripts.  Raises TensegrityError, also where a bound was passed."""
+    (model,) = unique([load_scene(scene) for scene in options.scenes]).values()
+    compile_first(options)
+    found = {runtime: pack(model, runtime, options) for runtime in options.runtimes}
+    if options.validate and validate({model.name: model}, {(model.name, r): path for r, path in found.items()}, options):
+        raise TensegrityError(
+            f"{model.name}: the validation failed; what passed its bound stands in the reports beside the FMUs"
+        )
+    return found
+
+
 def compile_first(options: Options) -> None:
     """Compile the libraries for other platforms, which takes long, and say so.  Raises TensegrityError."""
     kinds = {"native": ["native"], "python": ["python", "kernel"]}

@@ -17,10 +17,11 @@ HERE = "tensegrity_core.commands"
 COMMANDS = {
     "new": Subcommand(f"{HERE}.new", "write a scene file with comments, to begin with"),
     "check": Subcommand(f"{HERE}.check", "check a scene file and summarise its structure"),
-    "simulate": Subcommand(f"{HERE}.simulate", "simulate a scene under constant forces"),
+    "simulate": Subcommand(f"{HERE}.simulate", "simulate a scene under forces and other inputs"),
     "animate": Subcommand(f"{HERE}.simulate", "film a scene under constant forces as a GIF"),
     "view": Subcommand(f"{HERE}.view", "write a web page in which a structure moves, and can be pulled"),
     "build": Subcommand("fmu_src.build", "build FMUs and validate them against the reference"),
+    "run": Subcommand("fmu_src.run", "run an FMU over inputs from a file"),
     "path": Subcommand(f"{HERE}.path", "follow steady states under a slow load, through snaps"),
     "modes": Subcommand(f"{HERE}.modes", "frequencies, damping and shapes of small motions"),
     "experiment": Subcommand(f"{HERE}.experiment", "run one of the article's experiments"),

@@ -101,7 +101,7 @@ class Ports:
         fmi2, self.fmu = instance.fmi2, instance.fmu
         outputs = [v for v in instance.description.modelVariables if v.causality == "output"]
         reals = [v.name for v in outputs if v.type == "Real"]
-        integers = [v.name for v in outputs if v.type != "Real"]
+        integers = [v.name for v in outputs if v.type in ("Integer", "Enumeration")]
         self.names = reals + integers
         self._in = instance.references(inputs), len(inputs), (fmi2.fmi2Real * len(inputs))()
         self._real = instance.references(reals), len(reals), (fmi2.fmi2Real * len(reals))()

@@ -49,3 +49,14 @@ Method = Annotated[
 Tolerance = Annotated[float, typer.Option(metavar="X", help="Error per step.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show where an error comes from.")]
+InputFile = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Inputs over time: a .csv, .nc or .parquet file with columns time, n4.force.z, s1.rest_length ...",
+    ),
+]
+SampleStep = Annotated[float, typer.Option(metavar="S", help="Time between samples, s (not the integrator's step).")]
+SeriesFile = Annotated[
+    str | None, typer.Option(metavar="FILE", help="Write the series to this .csv, .nc (NetCDF) or .parquet file.")
+]

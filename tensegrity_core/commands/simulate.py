@@ -8,7 +8,7 @@ import typer
 
 from ..errors import InputError
 from ..fields import METHODS
-from .options import Debug, Duration, Force, Json, Method, Scene, Tolerance
+from .options import Debug, Duration, Force, InputFile, Json, Method, SampleStep, Scene, Tolerance
 from .program import tell
 
 if TYPE_CHECKING:
@@ -20,25 +20,32 @@ if TYPE_CHECKING:
 def simulate(
     scene: Scene,
     force: Force = None,
+    inputs: InputFile = None,
     duration: Duration = 5.0,
-    step: Annotated[float, typer.Option(metavar="S", help="Time between samples, s (not the integrator's step).")] = 0.01,
+    step: SampleStep = 0.01,
     method: Method = "auto",
     tolerance: Tolerance = 1e-10,
-    output: Annotated[str | None, typer.Option(metavar="FILE", help="Write the series to this .csv or .npz file.")] = None,
+    output: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Write the series to this .csv, .nc (NetCDF), .parquet or .npz file.")
+    ] = None,
     json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Simulate a scene under constant forces, say how it went, and write the series."""
+    """Simulate a scene under forces and other inputs, say how it went, and write the series."""
     from ..output import run_summary
     from ..output.export import require_writable, write_result
     from .words import model_of, sample_times
 
-    path = require_writable(output, (".csv", ".npz")) if output else None
+    path = require_writable(output, (".csv", ".nc", ".parquet", ".npz")) if output else None
     times = sample_times(duration, step)
     model, _ = model_of(scene)
-    result, _ = _run(model, times, force, method, tolerance)
-    if path:
+    result, _ = _run(model, times, force, method, tolerance, inputs)
+    if path and path.suffix.lower() in (".csv", ".npz"):
         write_result(model, result, path)
+    elif path:
+        from ..output import series
+
+        series.write(series.dataset(model, result, method=method, tolerance=tolerance), path)
     tell(run_summary.data(model, result) if json else run_summary.end_of_run(model, result))
     if path and not json:
         print(f"  series written to {path}")
@@ -72,12 +79,19 @@ def animate(
     print(f"{model.name}: film of {times[-1]:g} s in {len(times)} frames written to {path}")
 
 
-def _run(model: Model, times: np.ndarray, force: list[str] | None, method: str, tolerance: float) -> tuple[Result, Inputs]:
+def _run(
+    model: Model, times: np.ndarray, force: list[str] | None, method: str, tolerance: float, file: str | None = None
+) -> tuple[Result, Inputs]:
+    """file: of inputs; a constant force that is named on the command line, too, takes the place of the file's."""
     from .. import kernel
-    from ..model import held
-    from .words import constant_force, one_of, positive
+    from ..model.signals import driven
+    from .words import constant_forces, one_of, positive
 
     one_of("--method", method, METHODS)
-    constant = constant_force(model, force or [])
-    inputs = held(model, times, force=lambda t: constant)
+    signals = constant_forces(model, force or [])
+    if file:
+        from ..api import read_inputs
+
+        signals = read_inputs(file, model) | signals
+    inputs = driven(model, times, signals)
     return kernel.simulate(model, inputs, method, positive("--tolerance", tolerance)), inputs

@@ -19,6 +19,7 @@ from ..scene import builtin_scenes, is_file, load_scene
 
 MOST_STEPS = 1_000_000  # every communication point is kept in memory
 MOST_ROWS = 100_000  # states of a path
+MOST_NAMES = 24  # that a message lists
 
 
 def model_of(name: str) -> tuple[Model, str]:
@@ -59,10 +60,10 @@ def finite(option: str, text: str, example: str) -> float:
     return value
 
 
-def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
-    """(N, 3) N from texts such as n4.z=45.  Raises InputError, also where a component is given twice."""
+def constant_forces(model: Model, texts: Sequence[str]) -> dict[str, float]:
+    """Input -> N from texts such as n4.z=45.  Raises InputError, also where a component is given twice."""
     given: dict[str, str] = {}
-    force = np.zeros((len(model.nodes), 3))
+    found: dict[str, float] = {}
     for text in texts:
         place, equals, number = text.partition("=")
         node, dot, axis = place.rpartition(".")
@@ -80,6 +81,15 @@ def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
         if place in given:
             raise InputError(f"--force {text}: {place} is given twice, before as {given[place]}; give the sum once")
         given[place] = text
+        found[f"{node}.force.{axis}"] = value
+    return found
+
+
+def constant_force(model: Model, texts: Sequence[str]) -> np.ndarray:
+    """(N, 3) N, see `constant_forces`."""
+    force = np.zeros((len(model.nodes), 3))
+    for name, value in constant_forces(model, texts).items():
+        node, _, axis = name.split(".")
         force[model.node_names.index(node), "xyz".index(axis)] = value
     return force
 
@@ -164,4 +174,5 @@ def one_of(option: str, text: str, known: Iterable[str]) -> str:
         return text
     close = difflib.get_close_matches(text, known, n=1)
     guess = f"did you mean {close[0]}? Known are" if close else "use one of"
-    raise InputError(f"{option} = {text!r} is not known; {guess} {', '.join(known)}")
+    listed = ", ".join(known) if len(known) <= MOST_NAMES else ", ".join([*known[:MOST_NAMES], "..."])
+    raise InputError(f"{option} = {text!r} is not known; {guess} {listed}")

@@ -28,6 +28,7 @@ FLOORS = (
     ("tensegrity_core.reference", "tensegrity_core.statics"),
     ("tensegrity_core.equilibria",),
     ("tensegrity_core.output",),
+    ("tensegrity_core.api",),
     ("tensegrity_core.article",),
     ("tensegrity_core.commands",),  # which name the subcommand `build` only as a module that they load
     ("tensegrity_core.cli",),
@@ -37,7 +38,7 @@ FLOORS = (
     ("fmu_src.packing",),
     ("fmu_src.validation",),
     ("fmu_src.builds",),
-    ("fmu_src.build", "fmu_src.doctor"),
+    ("fmu_src.build", "fmu_src.doctor", "fmu_src.run"),
     ("benchmarks", "benchmarks.harness"),
     ("benchmarks.peers",),
     ("benchmarks.stability", "benchmarks.article", "benchmarks.speed", "benchmarks.work_precision", "benchmarks.importers"),

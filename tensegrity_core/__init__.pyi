@@ -1,0 +1,11 @@
+from .api import Equilibrium as Equilibrium
+from .api import Run as Run
+from .api import build as build
+from .api import equilibrium as equilibrium
+from .api import load as load
+from .api import modes as modes
+from .api import read_inputs as read_inputs
+from .api import scenes as scenes
+from .api import simulate as simulate
+
+__version__: str

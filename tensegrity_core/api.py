@@ -1,0 +1,196 @@
+"""What a script uses: load a scene, vary it, simulate it, find where it rests and how it moves there, and build its FMUs.
+
+`import tensegrity_core as tc` has all of it: `tc.load`, `tc.simulate` ...  Quantities are in SI units, and have the names that
+they have in an FMU: n4.z, s1.force, energy.kinetic.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from . import kernel, statics
+from .equilibria import steady_states
+from .equilibria.loading import Loading
+from .equilibria.modes import Mode
+from .equilibria.modes import modes as small_motions
+from .errors import InputError
+from .fields import outputs
+from .model import Model, grid
+from .model.components import names
+from .model.signals import Signal, driven, places, require_known
+from .output import series
+from .scene import builtin_scenes, load_scene, parse_scene
+
+Scene = str | Path | Model
+
+
+@dataclass(frozen=True)
+class Run:
+    """A simulation's result.
+
+    data: xarray Dataset, see output/series.py; model: the scene as it was simulated.  `run["n4.z"]` is a series with its unit.
+    """
+
+    model: Model
+    data: xr.Dataset
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """A series by its name.  Raises InputError for a name that is none, with those that are close."""
+        if name not in self.data:
+            raise InputError(_no_such(name, self.data))
+        return self.data[name]
+
+    @property
+    def transitions(self) -> pd.DataFrame:
+        """A row a transition: time (s), string, before, after, loss (J)."""
+        return series.transitions(self.data)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A column a series, over time (s)."""
+        found = {str(name): values.values for name, values in self.data.items() if values.dims == ("time",)}
+        return pd.DataFrame(found, index=pd.Index(self.data["time"].values, name="time"))
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as .nc, .parquet or .csv.  Raises InputError where that cannot be written."""
+        return series.write(self.data, path)
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A steady state.  model: the scene, starting there; data: Dataset of the state, `state["n4.z"]` a number with its unit."""
+
+    model: Model
+    data: xr.Dataset
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """A quantity by its name.  Raises InputError for a name that is none, with those that are close."""
+        if name not in self.data:
+            raise InputError(_no_such(name, self.data))
+        return self.data[name]
+
+
+def scenes() -> tuple[str, ...]:
+    """Names of the scenes that come with the package."""
+    return builtin_scenes()
+
+
+def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
+    """The model of a scene: a built-in one by its name, or a scene file by its path.
+
+    changes: what to vary, by its place in the scene file: {"gravity": 0.0, "materials.cable.stiffness": 900.0}.  A model
+    is passed on as it is.  Raises SceneError for a scene that cannot become a model.
+    """
+    if isinstance(scene, Model):
+        if changes:
+            raise InputError("changes are made to a scene, not to its model; load the scene with them")
+        return scene
+    found = load_scene(scene)
+    if changes:
+        data: dict[str, Any] = {"extends": str(Path(found.file).resolve()), "name": found.name}
+        for key, value in changes.items():
+            table = data
+            *tables, last = key.split(".")
+            for name in tables:
+                table = table.setdefault(name, {})
+                if not isinstance(table, dict):
+                    raise InputError(f"changes: {key} lies in {name}, which is changed as a whole; give one of them")
+            table[last] = value
+        found = parse_scene(data, "changes")
+    return statics.build_model(found)
+
+
+def simulate(
+    scene: Scene,
+    inputs: Mapping[str, Signal] | str | Path | None = None,
+    duration: float = 5.0,
+    step: float = 0.01,
+    method: str = "auto",
+    tolerance: float = 1e-10,
+    max_step: float = 0.0,
+) -> Run:
+    """Simulate a scene with the C kernel.
+
+    inputs: by name, a number, a function of t, or times and values, such as {"n4.force.z": 45.0},
+    {"s1.rest_length": lambda t: 0.8 - 0.01 * t}, {"n4.force.z": ([0.0, 1.0, 1.0], [0.0, 0.0, 45.0])}; or a file with a column
+    `time`, see `read_inputs`.  What is not given stays as the scene starts.  duration: s; step: s between samples; method,
+    tolerance: see docs/methods.md; max_step: the largest step, s, of rk4 and ros2 the step.  Raises TensegrityError.
+    """
+    model, times = load(scene), grid(duration, step)
+    signals = read_inputs(inputs, model) if isinstance(inputs, str | Path) else dict(inputs or {})
+    result = kernel.simulate(model, driven(model, times, signals), method, tolerance, max_step)
+    return Run(model, series.dataset(model, result, method=method, tolerance=tolerance, max_step=max_step))
+
+
+def read_inputs(path: str | Path, model: Model) -> dict[str, Signal]:
+    """Signals out of a .csv, .nc or .parquet file: a column `time` (s), and columns with names of inputs.
+
+    Straight lines join the rows; two rows of one time are a jump.  Columns of outputs do not matter, so that a result's file
+    will do.  Raises InputError for a column that is neither, and where none is an input.
+    """
+    data, known = series.read(path), places(model)
+    columns = {str(name): values.values for name, values in data.items() if values.dims == ("time",)}
+    ignored = {name for field in outputs() for name in names(field, model)}
+    signals = {name: (data["time"].values, values) for name, values in columns.items() if name not in ignored}
+    if not any(name in known for name in signals):
+        raise InputError(f"{path}: no column is an input of {model.name}; inputs are {', '.join(list(known)[:30])}")
+    require_known(model, signals, str(path))
+    return signals
+
+
+def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equilibrium:
+    """The steady state that forces reach which grow slowly, from where the scene starts: {"n4.force.z": 45.0}, N.
+
+    Raises TensegrityError where there is none.
+    """
+    model = load(scene)
+    force = driven(model, np.array([0.0, 1.0]), forces or {}).force[0]
+    if not force.any():
+        model = statics.settle(model)
+    elif model.memories:  # a path would not know where they come from
+        model = statics.settle(model, force)
+    else:
+        model = Loading(model, force).model_at(1.0, steady_states.load_sweep(Loading(model, force), [0.0, 1.0]).nodes[-1])
+    result = kernel.simulate(model, driven(model, grid(1e-3, 1e-3), forces or {}))
+    data = series.dataset(model, result, loaded=json_text(forces)).isel(time=0).drop_dims("transition")
+    return Equilibrium(model, data)
+
+
+def modes(scene: Scene | Equilibrium, forces: Mapping[str, float] | None = None, damped: bool = True) -> list[Mode]:
+    """Small motions about the steady state under forces, the longest-lived first; see equilibria/modes.py.
+
+    Raises TensegrityError.
+    """
+    state = scene if isinstance(scene, Equilibrium) else equilibrium(scene, forces)
+    force = driven(state.model, np.array([0.0, 1.0]), forces or {}).force[0]
+    return small_motions(state.model, force, damped=damped)
+
+
+def build(scene: str | Path, output: str | Path = "dist", runtime: str = "both", validate: bool = False) -> dict[str, Path]:
+    """Build a scene's FMUs: runtime ("native", "python") -> file.  With `validate` they are compared with the reference, too.
+
+    Raises TensegrityError where one cannot be built, or passes a bound.
+    """
+    builds = importlib.import_module("fmu_src.builds")
+    runtimes = ("native", "python") if runtime == "both" else (runtime,)
+    return builds.built(builds.Options((str(scene),), runtimes, output=Path(output), validate=validate))
+
+
+def json_text(forces: Mapping[str, float] | None) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in (forces or {}).items())
+
+
+def _no_such(name: str, data: xr.Dataset) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, [str(known) for known in data], n=3)
+    return f"there is no {name!r}; " + (
+        f"did you mean {', '.join(close)}?" if close else f"names are {', '.join(map(str, data))}"
+    )

@@ -1,0 +1,111 @@
+"""Inputs by the names that they have in an FMU: `n4.force.z`, `s1.rest_length`, `s1.current` ..., as signals over time."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..quantities import number
+from .components import flattened, names, spread
+from .inputs import INPUTS, RATES, Inputs, held, starts
+from .model import Model
+
+#: A number, a function of t, or times (K,) with values (K,): straight lines join them, and two rows of one time are a jump.
+Signal = Any
+#: The inputs that signals give; rates and accelerations follow from them.
+_GIVEN = [name for name in INPUTS if name not in RATES.values()]
+
+
+def places(model: Model) -> dict[str, tuple[str, int]]:
+    """Name -> field, and place among the field's flat values, of all inputs that a signal may give."""
+    return {name: (field, i) for field in [*_GIVEN, *_moved(model)] for i, name in enumerate(names(INPUTS[field], model))}
+
+
+def _moved(model: Model) -> list[str]:
+    return ["node_velocity"] if model.moving else []
+
+
+def driven(model: Model, times: np.ndarray, signals: Mapping[str, Signal]) -> Inputs:
+    """Held inputs out of signals by name; what none is given for stays as the model starts.
+
+    times: (K+1,) s.  A force is sampled just after each of them and held; a rest length moves in straight lines between them,
+    with the rate that belongs to it; a moved node needs its position and its velocity.  Raises InputError.
+    """
+    require_known(model, signals)
+    known: dict[str, tuple[str, int]] = places(model)
+    given: dict[str, list] = {}
+    for name, signal in signals.items():
+        given.setdefault(known[name][0], []).append((known[name][1], name, sampler(name, signal)))
+    if ("node_position" in given) != ("node_velocity" in given):
+        first = next(name for name in signals if known[name][0] in ("node_position", "node_velocity"))
+        raise InputError(f"{first}: a moved node needs its position and its velocity over time; give both")
+    start = {field: flattened(INPUTS[field], model, value[None])[0] for field, value in starts(model).items()}
+
+    def signal_of(field: str) -> Callable[[float], np.ndarray] | None:
+        return None if field not in given else lambda t: _full(model, field, start[field], given[field], t)
+
+    arguments: dict[str, Any] = {field: signal_of(field) for field in _GIVEN if field != "node_position"}
+    position, velocity = signal_of("node_position"), signal_of("node_velocity")
+    if position and velocity:
+        arguments["motion"] = lambda t: (position(t), velocity(t))
+    return held(model, times, **arguments)
+
+
+def _full(model: Model, field: str, start: np.ndarray, signals: list, t: float) -> np.ndarray:
+    """The field's values at t in the shape of `held`'s signals."""
+    flat = start.copy()
+    for place, name, sample in signals:
+        flat[place] = number(name, sample(t))
+    return spread(INPUTS[field], model, flat[None])[0]
+
+
+def sampler(name: str, signal: Signal) -> Callable[[float], float]:
+    """A signal as a function of t.  Raises InputError."""
+    if callable(signal):
+        return signal
+    if isinstance(signal, str) or (not isinstance(signal, Sequence) and np.ndim(signal) == 0):
+        value = number(name, signal)
+        return lambda t: value
+    try:
+        times, values = (np.array(part, dtype=float) for part in signal)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: give a number, a function of t, or times and values of one length") from None
+    if times.ndim != 1 or times.shape != values.shape or not len(times):
+        raise InputError(f"{name}: times of shape {times.shape} and values of shape {values.shape}; give one value a time")
+    if not (np.isfinite(times).all() and np.isfinite(values).all()):
+        raise InputError(f"{name}: times and values must be finite numbers; leave rows without a number out")
+    if (np.diff(times) < 0.0).any():
+        late = int(np.argmax(np.diff(times) < 0.0)) + 1
+        raise InputError(f"{name}: time {times[late]:g} s stands after {times[late - 1]:g} s; sort the rows by time")
+
+    def sample(t: float) -> float:
+        after = int(np.searchsorted(times, t, side="right"))  # at a jump: what comes after it
+        if after in (0, len(times)):
+            return float(values[min(after, len(times) - 1)])
+        part = (t - times[after - 1]) / (times[after] - times[after - 1])
+        return float(values[after - 1] + part * (values[after] - values[after - 1]))
+
+    return sample
+
+
+def require_known(model: Model, names_given: Iterable[str], where: str = "") -> None:
+    """Raises InputError for a name that is no input, with those that are close.  where: what the name stands in."""
+    known = places(model)
+    for name in names_given:
+        if name not in known:
+            raise InputError(f"{where}{': ' if where else ''}{_unknown(model, name, known)}")
+
+
+def _unknown(model: Model, name: str, known: Mapping[str, object]) -> str:
+    rates = {rate: field for field, rate in RATES.items()}
+    for rate, field in rates.items():
+        if name in names(INPUTS[rate], model):
+            whole = names(INPUTS[field], model)[names(INPUTS[rate], model).index(name)]
+            return f"{name} follows from {whole}; give that over time, and leave {name} out"
+    close = difflib.get_close_matches(name, known, n=3)
+    guess = f"did you mean {' or '.join(close)}?" if close else f"inputs are {', '.join(list(known)[:30])}"
+    return f"{name} is no input of {model.name}; {guess}"

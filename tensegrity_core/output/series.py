@@ -1,0 +1,171 @@
+"""A run as named, united series: an xarray Dataset with the FMU's names, and its files.
+
+Dimension `time` (s).  Each variable has the attributes `units` (as UDUNITS writes them) and `long_name`.  Transitions are the
+variables `transition.time`, `.string`, `.before`, `.after` and `.loss` along a dimension of their own.  The attributes of the
+Dataset say what was run: scene, method, tolerance, version.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from .. import __version__
+from ..errors import InputError
+from ..fields import outputs
+from ..files import replacing
+from ..model import Model, Result
+from ..model.components import flattened, names
+from .export import require_writable
+
+#: Units as UDUNITS writes them, where they differ from the FMU's.
+UNITS = {"N.s/m": "N s m-1", "m/s": "m s-1", "rad/s": "rad s-1", "N/m": "N m-1", "m/s2": "m s-2", "kg.m2": "kg m2"}
+
+
+class _Part(NamedTuple):
+    """Of a transition.  kind: of its values."""
+
+    unit: str
+    meaning: str
+    kind: type
+
+
+TRANSITION = {
+    "time": _Part("s", "when a string changed its piece", float),
+    "string": _Part("", "name of the string", str),
+    "before": _Part("1", "piece before, 0: slack", np.int32),
+    "after": _Part("1", "piece after, 0: slack", np.int32),
+    "loss": _Part("J", "energy that the snap lost", float),
+}
+
+
+def dataset(model: Model, result: Result, **attributes: Any) -> xr.Dataset:
+    """attributes: what else is known of the run, text or numbers."""
+    variables: dict[str, Any] = {}
+    for field in outputs():
+        told = {"units": UNITS.get(field.unit, field.unit), "long_name": field.meaning}
+        for name, values in zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True):
+            variables[name] = ("time", np.ascontiguousarray(values), told)
+    for name, part in TRANSITION.items():
+        values = [getattr(t, name) for t in result.transitions]
+        if name == "string":
+            values = [model.string_names[i] for i in values]
+        told = {"long_name": part.meaning} | ({"units": part.unit} if part.unit else {})
+        variables[f"transition.{name}"] = ("transition", np.array(values, dtype=part.kind), told)
+    times = {"time": ("time", result.times, {"units": "s", "long_name": "time"})}
+    known = {"scene": model.name, "description": model.description, "version": __version__, **attributes}
+    known |= {f"statistics.{name}": int(count) for name, count in result.stats.items()}
+    return xr.Dataset(variables, times, known)
+
+
+def transitions(data: xr.Dataset) -> pd.DataFrame:
+    """A row a transition: time (s), string, before, after, loss (J)."""
+    return pd.DataFrame({part: data[f"transition.{part}"].values for part in TRANSITION if f"transition.{part}" in data})
+
+
+def write(data: xr.Dataset, path: str | Path) -> Path:
+    """Write a Dataset as .nc (NetCDF 3), .parquet or .csv (without units and transitions), whole or not at all.
+
+    Raises InputError where that cannot be written.
+    """
+    path = require_writable(path, tuple(WRITERS))
+    content = WRITERS[path.suffix.lower()](data)
+    with replacing(path) as file:
+        file.write(content)
+    return path
+
+
+def read(path: str | Path) -> xr.Dataset:
+    """A Dataset out of a file of `write`, or out of any CSV file with a column `time`.  Raises InputError."""
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: only {', '.join(READERS)} files can be read; name one")
+    try:
+        return reader(path)
+    except (OSError, ValueError, TypeError, KeyError) as failure:
+        raise InputError(f"{path} cannot be read: {failure}; write it anew") from failure
+
+
+def _netcdf(data: xr.Dataset) -> bytes:
+    """NetCDF 3, which SciPy writes; its names take no brackets well everywhere, but readers keep them."""
+    return bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
+
+
+def _columns(data: xr.Dataset) -> pd.DataFrame:
+    return pd.DataFrame({"time": data["time"].values} | {str(n): v.values for n, v in data.items() if v.dims == ("time",)})
+
+
+def _csv(data: xr.Dataset) -> bytes:
+    return _columns(data).to_csv(index=False, lineterminator="\n").encode()
+
+
+def _arrow() -> Any:
+    """Raises InputError where pyarrow is missing."""
+    try:
+        import pyarrow.parquet
+    except ModuleNotFoundError:
+        raise InputError("Parquet files need pyarrow, which is not installed: pip install pyarrow") from None
+    return pyarrow
+
+
+def _parquet(data: xr.Dataset) -> bytes:
+    """A column a series; units and transitions in the file's metadata, as JSON."""
+    arrow, into = _arrow(), io.BytesIO()
+    table = arrow.Table.from_pandas(_columns(data), preserve_index=False)
+    told = {
+        "attributes": data.attrs,
+        "series": {str(name): variable.attrs for name, variable in data.variables.items()},
+        "transitions": transitions(data).to_dict("list"),
+    }
+    arrow.parquet.write_table(table.replace_schema_metadata({b"tensegrity": json.dumps(told).encode()}), into)
+    return into.getvalue()
+
+
+def _from_netcdf(path: Path) -> xr.Dataset:
+    with xr.open_dataset(path, engine="scipy", decode_times=False) as data:
+        return data.load()
+
+
+def _from_csv(path: Path) -> xr.Dataset:
+    """Texts first: pandas reads numbers fast, and not to the last bit."""
+    texts = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+    return _from_columns(pd.DataFrame({name: _numbers(str(name), texts[name]) for name in texts}))
+
+
+def _numbers(name: str, texts: pd.Series) -> np.ndarray:
+    """An empty field is not a number.  Raises ValueError."""
+    try:
+        return np.array([float(text) if text else np.nan for text in texts])
+    except ValueError as failure:
+        raise ValueError(f"column {name}: {failure}") from None
+
+
+def _from_columns(table: pd.DataFrame) -> xr.Dataset:
+    if "time" not in table:
+        raise ValueError("it has no column `time`")
+    series = {str(name): ("time", table[name].to_numpy()) for name in table if name != "time"}
+    return xr.Dataset(series, {"time": ("time", table["time"].to_numpy())})
+
+
+def _from_parquet(path: Path) -> xr.Dataset:
+    table = _arrow().parquet.read_table(path)
+    told = json.loads((table.schema.metadata or {}).get(b"tensegrity", b"{}"))
+    data = _from_columns(table.to_pandas())
+    for part, values in told.get("transitions", {}).items():
+        data[f"transition.{part}"] = ("transition", np.array(values, dtype=TRANSITION[part].kind))
+    for name, attributes in told.get("series", {}).items():
+        if name in data.variables:
+            data[name].attrs = attributes
+    return data.assign_attrs(told.get("attributes", {}))
+
+
+WRITERS: dict[str, Callable[[xr.Dataset], bytes]] = {".nc": _netcdf, ".parquet": _parquet, ".csv": _csv}
+READERS: dict[str, Callable[[Path], xr.Dataset]] = {".nc": _from_netcdf, ".parquet": _from_parquet, ".csv": _from_csv}

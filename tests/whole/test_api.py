@@ -1,0 +1,191 @@
+"""The Python API that scripts begin with: names, inputs as signals, results with names, their files, and what is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import tensegrity_core as tc
+from fmu_src.variables.interface import variables
+from tensegrity_core import kernel
+from tensegrity_core.errors import InputError, SceneError, TensegrityError
+from tensegrity_core.model import grid, held
+from tensegrity_core.output import series
+from tests.support import push, scene
+from tests.support.driven_scenes import LABORATORY, built
+
+SHORT = {"duration": 0.4, "step": 0.02}
+
+
+def test_the_package_alone_imports_nothing():
+    done = subprocess.run([sys.executable, "-c", "import tensegrity_core, sys; assert 'numpy' not in sys.modules"])
+    assert done.returncode == 0
+    assert set(tc.__all__) <= set(dir(tc))
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        tc.simulat  # noqa: B018 (the access is what is tested)
+
+
+def test_a_run_is_the_kernels_under_the_fmus_names():
+    run = tc.simulate("three_bar_nsh", {"n4.force.z": 45.0}, **SHORT)
+    model = scene("three_bar_nsh")
+    force = push(model, 0.0, 0.0)
+    force[model.node_names.index("n4"), 2] = 45.0
+    expected = kernel.simulate(model, held(model, grid(0.4, 0.02), force=lambda t: force))
+    table = {row.name: row for row in variables(model) if row.causality == "output"}
+    assert [name for name in run.data if not str(name).startswith("transition.")] == list(table)
+    np.testing.assert_array_equal(run["n4.z"].values, expected.position[:, 3, 2])
+    np.testing.assert_array_equal(run["s2.force"].values, expected.string_force[:, 1])
+    np.testing.assert_array_equal(run["time"].values, expected.times)
+    assert run.transitions["time"].tolist() == [t.time for t in expected.transitions] and len(run.transitions)
+    assert run.transitions["string"].tolist() == [model.string_names[t.string] for t in expected.transitions]
+    assert (run["n4.z"].attrs["units"], run["n4.velocity.z"].attrs["units"]) == ("m", "m s-1")
+    known = {"scene": "three_bar_nsh", "method": "auto", "tolerance": 1e-10, "version": tc.__version__}
+    assert known.items() <= run.data.attrs.items()
+    assert run.to_frame().loc[0.4, "n4.z"] == expected.position[-1, 3, 2]
+
+
+@pytest.mark.parametrize(
+    "signal", [lambda t: 45.0 if t > 0.1 else 0.0, ([0.0, 0.1, 0.1, 9.0], [0.0, 0.0, 45.0, 45.0])], ids=["function", "rows"]
+)
+def test_a_jump_comes_at_its_time(signal):
+    run = tc.simulate("three_bar_nsh", {"n4.force.z": signal}, duration=0.4, step=0.1)
+    model = scene("three_bar_nsh")
+    force = np.zeros((len(model.nodes), 3))
+    force[3, 2] = 45.0
+    expected = kernel.simulate(model, held(model, grid(0.4, 0.1), force=lambda t: force * (t > 0.1)))
+    np.testing.assert_array_equal(run["n4.z"].values, expected.position[:, 3, 2])
+
+
+def test_a_rest_length_moves_with_its_rate():
+    model = scene("two_bar")
+    length = model.rest_length[2]
+    run = tc.simulate("two_bar", {"s3.rest_length": ([0.0, 0.4], [length, length - 0.05])}, **SHORT)
+    expected = kernel.simulate(
+        model, held(model, grid(0.4, 0.02), rest_length=lambda t: model.rest_length - [0.0, 0.0, 0.125 * t])
+    )
+    np.testing.assert_allclose(run["n3.z"].values, expected.position[:, 2, 2], rtol=0.0, atol=1e-12)
+    assert np.ptp(run["n3.z"].values) > 1e-3
+
+
+def test_moved_nodes_and_currents_are_inputs_too():
+    """In a scene that has all of them, against the same inputs as arrays."""
+    model = built(LABORATORY)
+    moved, start = [model.node_names[i] for i in model.moving], model.nodes[list(model.moving)]
+    way, speed = (lambda t: 0.01 * np.sin(9.0 * t)), (lambda t: 0.09 * np.cos(9.0 * t))
+    signals = {f"{moved[1]}.position.y": lambda t: start[1, 1] + way(t), f"{moved[1]}.velocity.y": speed}
+    signals |= {"s9.current": lambda t: 2.0 * t, "s4.actuator.load": 3.0}
+    run = tc.simulate(model, signals, **SHORT)
+
+    def motion(t):
+        place, velocity = start.copy(), np.zeros((2, 3))
+        place[1, 1], velocity[1, 1] = start[1, 1] + way(t), speed(t)
+        return place, velocity
+
+    wound = [model.string_names[i] for i in model.actuated]
+    current = lambda t: np.where([name == "s9" for name in wound], 2.0 * t, model.current)  # noqa: E731 (a signal)
+    load = lambda t: np.where([name == "s4" for name in wound], 3.0, model.drum_load)  # noqa: E731 (a signal)
+    inputs = held(model, grid(0.4, 0.02), current=current, drum_load=load, motion=motion)
+    expected = kernel.simulate(model, inputs)
+    np.testing.assert_array_equal(run[f"{moved[1]}.y"].values, expected.position[:, model.moving[1], 1])
+    np.testing.assert_array_equal(run["s9.force"].values, expected.string_force[:, model.string_names.index("s9")])
+    assert np.ptp(run[f"{moved[1]}.y"].values) > 0.005
+    with pytest.raises(InputError, match="its position and its velocity over time; give both"):
+        tc.simulate(model, {f"{moved[1]}.velocity.y": speed}, **SHORT)
+
+
+@pytest.mark.parametrize("ending", [".nc", ".parquet", ".csv"])
+def test_a_run_is_read_as_it_was_written(ending, tmp_path):
+    run = tc.simulate("two_bar_nsh", {"n4.force.z": 60.0}, **SHORT)
+    path = run.save(tmp_path / f"run{ending}")
+    found = series.read(path)
+    for name in run.data:
+        if ending != ".csv" or not str(name).startswith("transition."):
+            np.testing.assert_array_equal(found[name].values, run.data[name].values, err_msg=str(name))
+    if ending != ".csv":
+        assert found["n4.z"].attrs == run["n4.z"].attrs
+        assert {name: found.attrs[name] for name in run.data.attrs} == run.data.attrs
+        assert series.transitions(found).equals(run.transitions)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_result_is_a_file_of_inputs_where_it_has_them(tmp_path):
+    (tmp_path / "in.csv").write_text("time,n4.force.z,n4.x\n0,0,7\n0.2,30,7\n", encoding="utf-8")
+    from_file = tc.simulate("two_bar", tmp_path / "in.csv", **SHORT)
+    given = tc.simulate("two_bar", {"n4.force.z": ([0.0, 0.2], [0.0, 30.0])}, **SHORT)
+    np.testing.assert_array_equal(from_file["n4.z"].values, given["n4.z"].values)
+
+
+BAD_FILES = {
+    "no input": ("time,n4.x\n0,1\n", "no column is an input of two_bar"),
+    "unknown": ("time,n4.force.z,n9.force.z\n0,1,1\n", "n9.force.z is no input of two_bar; did you mean"),
+    "no time": ("t,n4.force.z\n0,1\n", "no column `time`"),
+    "backwards": ("time,n4.force.z\n1,1\n0,1\n", "time 0 s stands after 1 s; sort the rows"),
+    "a text": ("time,n4.force.z\n0,much\n", "column n4.force.z: could not convert string to float: 'much'"),
+    "a gap": ("time,n4.force.z\n0,1\n1,\n", "must be finite numbers"),
+    "empty": ("", "cannot be read"),
+}
+
+
+@pytest.mark.parametrize("text, told", BAD_FILES.values(), ids=BAD_FILES)
+def test_a_bad_file_of_inputs_is_named(text, told, tmp_path):
+    path = tmp_path / "in.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=".") as failure:
+        tc.simulate("two_bar", path, **SHORT)
+    assert told in str(failure.value)
+
+
+@pytest.mark.parametrize(
+    "signals, told",
+    [
+        ({"n4.force.q": 1.0}, "did you mean n4.force"),
+        ({"s1.rest_length_rate": 1.0}, "follows from s1.rest_length"),
+        ({"n4.force.z": "x"}, "'x' is not a number"),
+        ({"n4.force.z": ([0.0, 1.0], [1.0])}, "give one value a time"),
+        ({"n4.force.z": lambda t: None}, "n4.force.z"),
+    ],
+)
+def test_bad_inputs_are_named(signals, told):
+    with pytest.raises(InputError) as failure:
+        tc.simulate("two_bar", signals, **SHORT)
+    assert told in str(failure.value)
+
+
+def test_a_scene_is_varied_by_the_places_in_its_file():
+    model = tc.load("two_bar_nsh", {"gravity": 0.0, "materials.cable.stiffness": 900.0, "bars.b1.mass": 2.5})
+    plain = tc.load("two_bar_nsh")
+    assert (model.name, model.gravity) == ("two_bar_nsh", 0.0) and model.bar_mass.tolist() == [2.5, plain.bar_mass[1]]
+    assert set(model.stiffness) == {900.0} and plain.gravity != 0.0
+    with pytest.raises(SceneError, match=r"changes: materials\.cable\.stiffness = -1"):
+        tc.load("two_bar", {"materials.cable.stiffness": -1.0})
+    with pytest.raises(InputError, match="load the scene with them"):
+        tc.load(model, {"gravity": 0.0})
+
+
+def test_a_name_that_is_none_is_guessed():
+    run = tc.simulate("two_bar", **SHORT)
+    with pytest.raises(InputError, match=r"there is no 'n4.zz'; did you mean n4.z"):
+        run["n4.zz"]
+
+
+def test_an_equilibrium_stays_and_has_modes():
+    lift = {"n4.force.z": 20.0}
+    state = tc.equilibrium("three_bar_nsh", lift)
+    assert state["n4.z"].attrs["units"] == "m" and float(state["energy.kinetic"]) < 1e-20
+    run = tc.simulate(state.model, lift, duration=0.5, step=0.1)
+    assert np.ptp(run["n4.z"].values) < 1e-9 and float(run["n4.z"][0]) == float(state["n4.z"])
+    rest = tc.equilibrium("three_bar_nsh")
+    assert float(state["n4.z"]) > float(rest["n4.z"])
+    about = tc.modes(state, lift)
+    assert [m.eigenvalue for m in about] == [m.eigenvalue for m in tc.modes("three_bar_nsh", lift)]
+    assert about[0].decay_rate > 0.0
+
+
+def test_fmus_are_built(tmp_path):
+    built = tc.build("two_bar", tmp_path, runtime="native")
+    assert built == {"native": tmp_path / "native" / "two_bar.fmu"} and built["native"].is_file()
+    with pytest.raises(TensegrityError, match="Did you mean two_bar"):
+        tc.build("two_bars", tmp_path)
