@@ -142,7 +142,7 @@ def test_bad_sampling_is_named(command, options, words, tmp_path, capsys):
 @pytest.mark.parametrize(
     "command, output, words",
     [
-        ("simulate", "run.txt", [".csv or .npz"]),
+        ("simulate", "run.txt", [".parquet or .npz"]),
         ("simulate", "none/run.csv", ["does not exist", "none"]),
         ("simulate", "folder.csv", ["is a folder"]),
         ("animate", "film.mp4", [".gif"]),
