@@ -45,7 +45,7 @@ def problem(model: Model, force=None) -> Problem:
     """force: (N, 3) N on the nodes.  Raises InputError for a model with an NSH."""
     if model.nsh_strings:
         raise InputError(f"string {model.string_names[model.nsh_strings[0]]!r} has an NSH; use a scene with plain strings")
-    s = structure.structure(model)
+    s = structure.Structure(model)
     applied = np.zeros((3, len(model.nodes))) if force is None else np.asarray(force, dtype=float).T * s.in_plane
     pinned = model.fixed[model.bars].any(axis=1)
     free_end = np.where(model.fixed[model.bars[:, 0]], 1, 0)

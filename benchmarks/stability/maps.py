@@ -53,7 +53,7 @@ def disturbed(model: Model, seed: int = 1) -> Model:
     tangent = node_tangent(model)
     direction = np.tensordot(np.random.default_rng(seed).normal(size=len(tangent)), tangent, 1)
     nodes = model.nodes + HAIR * direction / np.linalg.norm(direction)
-    nodes = instant.on_constraints(structure.structure(model), nodes.T, np.zeros((3, len(nodes))))[0].T
+    nodes = instant.on_constraints(structure.Structure(model), nodes.T, np.zeros((3, len(nodes))))[0].T
     return replace(model, nodes=nodes)
 
 

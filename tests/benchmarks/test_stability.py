@@ -38,7 +38,7 @@ STUDIES = {"drift": drift, "maps": maps, "branch_two": branch_two, "fixed_cost":
 def moving_state(model, seed=1):
     """Random N, Ndot (3, n) on the bars' constraints, fixed nodes at rest."""
     random = np.random.default_rng(seed)
-    s = structure.structure(model)
+    s = structure.Structure(model)
     free = ~model.fixed
     N = model.nodes.T + 0.01 * random.normal(size=(3, len(free))) * free
     return instant.on_constraints(s, N, random.normal(size=(3, len(free))) * free)
@@ -93,7 +93,7 @@ def test_drift_grows_at_the_constraint_modes_eigenvalue(form, factor):
 
 def reference_bar_force(model):
     """(B,) N from the article's lambda at the start; compression is negative."""
-    s = structure.structure(model)
+    s = structure.Structure(model)
     N, Ndot = model.nodes.T, np.zeros_like(model.nodes.T)
     load = instant.Load(0.0, np.zeros_like(N), model.rest_length, np.zeros(len(model.strings)))
     taut = instant.mode_of(s, np.ones(len(model.strings), dtype=int), np.zeros(len(model.strings), dtype=bool))
@@ -215,7 +215,7 @@ def test_spectrum_of_an_upright_mast_by_hand():
 def test_retuned_models_stand_where_the_scene_does():
     model = scene("two_bar")
     retuned = spectrum.retuned(model, damping=7.0, stiffness=1e3)
-    s = structure.structure(retuned)
+    s = structure.Structure(retuned)
     slack = instant.Load(0.0, np.zeros((3, 4)), retuned.rest_length, np.zeros(3))
     taut = instant.mode_of(s, np.ones(3, dtype=int), np.zeros(3, dtype=bool))
     motion = instant.motion_at(s, slack, taut, 0.0, retuned.nodes.T, np.zeros((3, 4)))
