@@ -7,5 +7,6 @@ from .api import modes as modes
 from .api import read_inputs as read_inputs
 from .api import scenes as scenes
 from .api import simulate as simulate
+from .api import view as view
 
 __version__: str

@@ -6,6 +6,7 @@ they have in an FMU: n4.z, s1.force, energy.kinetic.
 
 from __future__ import annotations
 
+import difflib
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,30 +24,42 @@ from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
 from .errors import InputError
 from .fields import outputs
-from .model import Model, grid
+from .model import Inputs, Model, Result, grid
 from .model.components import names
 from .model.signals import Signal, driven, places, require_known
 from .output import series
+from .output.export import require_writable
 from .scene import builtin_scenes, load_scene, parse_scene
 
 Scene = str | Path | Model
 
 
+class _Named:
+    """What has quantities by their names."""
+
+    data: xr.Dataset
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """A quantity by its name.  Raises InputError for a name that is none, with those that are close."""
+        if name not in self.data:
+            close = difflib.get_close_matches(name, [str(known) for known in self.data], n=3)
+            guess = f"did you mean {', '.join(close)}?" if close else f"names are {', '.join(map(str, self.data))}"
+            raise InputError(f"there is no {name!r}; {guess}")
+        return self.data[name]
+
+
 @dataclass(frozen=True)
-class Run:
+class Run(_Named):
     """A simulation's result.
 
-    data: xarray Dataset, see output/series.py; model: the scene as it was simulated.  `run["n4.z"]` is a series with its unit.
+    data: xarray Dataset, see output/series.py; model: the scene as it was simulated; result: the same series as arrays;
+    inputs: what it was given.  `run["n4.z"]` is a series with its unit.
     """
 
     model: Model
     data: xr.Dataset
-
-    def __getitem__(self, name: str) -> xr.DataArray:
-        """A series by its name.  Raises InputError for a name that is none, with those that are close."""
-        if name not in self.data:
-            raise InputError(_no_such(name, self.data))
-        return self.data[name]
+    result: Result
+    inputs: Inputs
 
     @property
     def transitions(self) -> pd.DataFrame:
@@ -64,17 +77,11 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(_Named):
     """A steady state.  model: the scene, starting there; data: Dataset of the state, `state["n4.z"]` a number with its unit."""
 
     model: Model
     data: xr.Dataset
-
-    def __getitem__(self, name: str) -> xr.DataArray:
-        """A quantity by its name.  Raises InputError for a name that is none, with those that are close."""
-        if name not in self.data:
-            raise InputError(_no_such(name, self.data))
-        return self.data[name]
 
 
 def scenes() -> tuple[str, ...]:
@@ -125,8 +132,9 @@ def simulate(
     """
     model, times = load(scene), grid(duration, step)
     signals = read_inputs(inputs, model) if isinstance(inputs, str | Path) else dict(inputs or {})
-    result = kernel.simulate(model, driven(model, times, signals), method, tolerance, max_step)
-    return Run(model, series.dataset(model, result, method=method, tolerance=tolerance, max_step=max_step))
+    given = driven(model, times, signals)
+    result = kernel.simulate(model, given, method, tolerance, max_step)
+    return Run(model, series.dataset(model, result, method=method, tolerance=tolerance, max_step=max_step), result, given)
 
 
 def read_inputs(path: str | Path, model: Model) -> dict[str, Signal]:
@@ -159,7 +167,7 @@ def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equi
     else:
         model = Loading(model, force).model_at(1.0, steady_states.load_sweep(Loading(model, force), [0.0, 1.0]).nodes[-1])
     result = kernel.simulate(model, driven(model, grid(1e-3, 1e-3), forces or {}))
-    data = series.dataset(model, result, loaded=json_text(forces)).isel(time=0).drop_dims("transition")
+    data = series.dataset(model, result, loaded=_words(forces)).isel(time=0).drop_dims("transition")
     return Equilibrium(model, data)
 
 
@@ -183,14 +191,21 @@ def build(scene: str | Path, output: str | Path = "dist", runtime: str = "both",
     return builds.built(builds.Options((str(scene),), runtimes, output=Path(output), validate=validate))
 
 
-def json_text(forces: Mapping[str, float] | None) -> str:
+def view(what: Scene | Run | Equilibrium, output: str | Path | None = None) -> Path:
+    """Write the page in which a scene moves and can be pulled, or in which a run is played back; see docs/view.md.
+
+    output: an .html file, NAME.html where nothing is said.  Raises TensegrityError.
+    """
+    from .output.page import write_page
+
+    model = what.model if isinstance(what, Run | Equilibrium) else load(what)
+    path = require_writable(output or f"{model.name}.html", (".html",))
+    if isinstance(what, Run):
+        write_page(path, model, what.result, np.concatenate((what.inputs.force, what.inputs.force[-1:])))
+    else:
+        write_page(path, model)
+    return path
+
+
+def _words(forces: Mapping[str, float] | None) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in (forces or {}).items())
-
-
-def _no_such(name: str, data: xr.Dataset) -> str:
-    import difflib
-
-    close = difflib.get_close_matches(name, [str(known) for known in data], n=3)
-    return f"there is no {name!r}; " + (
-        f"did you mean {', '.join(close)}?" if close else f"names are {', '.join(map(str, data))}"
-    )

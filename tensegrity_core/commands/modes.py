@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from .options import LIFT, Debug, Json, Scene
+from .options import LIFT, Debug, FigureFile, Json, Scene, TableFile
 from .program import tell
 
 ABOUT = "Constant external forces in N: modes about the steady state that they reach slowly"
@@ -18,23 +18,17 @@ def modes(
     force: Annotated[list[str] | None, typer.Option(metavar="NODE.AXIS=N", help=f"{ABOUT}, {LIFT}.")] = None,
     undamped: Annotated[bool, typer.Option("--undamped", help="Leave the dampers out.")] = False,
     count: Annotated[int, typer.Option(metavar="N", help="Modes to print.")] = 12,
-    output: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write all modes with their shapes to this .csv file.")
-    ] = None,
-    figure: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Draw the longest-lived modes into this .png or .svg file.")
-    ] = None,
+    output: TableFile = None,
+    figure: FigureFile = None,
     json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Frequencies, damping and shapes of small motions about a steady state."""
     from ..equilibria import modes as linear
     from ..output import modes_table
-    from ..output.export import require_writable
-    from .words import model_of, steady
+    from .words import files_of, model_of, steady
 
-    table = require_writable(output, (".csv",)) if output else None
-    picture = require_writable(figure, (".png", ".svg")) if figure else None
+    table, picture = files_of(output, figure)
     if count < 1:
         raise InputError(f"--count = {count} is out of range; give a whole number from 1 on")
     model, forces = steady(model_of(scene)[0], force or [])

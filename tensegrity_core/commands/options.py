@@ -60,3 +60,5 @@ SampleStep = Annotated[float, typer.Option(metavar="S", help="Time between sampl
 SeriesFile = Annotated[
     str | None, typer.Option(metavar="FILE", help="Write the series to this .csv, .nc (NetCDF) or .parquet file.")
 ]
+TableFile = Annotated[str | None, typer.Option("--output", metavar="FILE", help="Write all of it to this .csv file.")]
+FigureFile = Annotated[str | None, typer.Option("--figure", metavar="FILE", help="Draw it into this .png or .svg file.")]

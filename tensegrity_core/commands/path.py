@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Debug, Json, Scene
+from .options import Debug, FigureFile, Json, Scene, TableFile
 from .program import tell
 
 if TYPE_CHECKING:
@@ -34,21 +34,17 @@ def path(
     show: Annotated[
         str | None, typer.Option(metavar="NODE.AXIS", help="The coordinate that is shown (default: where most force acts).")
     ] = None,
-    output: Annotated[str | None, typer.Option(metavar="FILE", help="Write the states to this .csv file.")] = None,
-    figure: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Draw load over coordinate into this .png or .svg file.")
-    ] = None,
+    output: TableFile = None,
+    figure: FigureFile = None,
     json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Follow the steady states under a slow load, through snaps and back."""
     from ..equilibria import steady_states
     from ..output import path_table
-    from ..output.export import require_writable
-    from .words import loading_of, model_of, parameters_of, quantity_of
+    from .words import files_of, loading_of, model_of, parameters_of, quantity_of
 
-    table = require_writable(output, (".csv",)) if output else None
-    picture = require_writable(figure, (".png", ".svg")) if figure else None
+    table, picture = files_of(output, figure)
     parameters = parameters_of(start, to, step)
     model, _ = model_of(scene)
     loading = loading_of(model, force or [], rest_length or [])

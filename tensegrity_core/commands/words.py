@@ -14,6 +14,7 @@ from ..equilibria import steady_states
 from ..equilibria.loading import Loading
 from ..errors import InputError
 from ..model import Model, grid
+from ..output.export import require_writable
 from ..output.path_table import Quantity
 from ..scene import builtin_scenes, is_file, load_scene
 
@@ -176,3 +177,9 @@ def one_of(option: str, text: str, known: Iterable[str]) -> str:
     guess = f"did you mean {close[0]}? Known are" if close else "use one of"
     listed = ", ".join(known) if len(known) <= MOST_NAMES else ", ".join([*known[:MOST_NAMES], "..."])
     raise InputError(f"{option} = {text!r} is not known; {guess} {listed}")
+
+
+def files_of(output: str | None, figure: str | None) -> tuple[Path | None, Path | None]:
+    """Where a table and a picture go.  Raises InputError where one of them cannot be written."""
+    table = require_writable(output, (".csv",)) if output else None
+    return table, require_writable(figure, (".png", ".svg")) if figure else None

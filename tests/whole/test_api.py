@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
@@ -14,6 +15,7 @@ from tensegrity_core import kernel
 from tensegrity_core.errors import InputError, SceneError, TensegrityError
 from tensegrity_core.model import grid, held
 from tensegrity_core.output import series
+from tensegrity_core.output.page import Parts, document
 from tests.support import push, scene
 from tests.support.driven_scenes import LABORATORY, built
 
@@ -189,3 +191,13 @@ def test_fmus_are_built(tmp_path):
     assert built == {"native": tmp_path / "native" / "two_bar.fmu"} and built["native"].is_file()
     with pytest.raises(TensegrityError, match="Did you mean two_bar"):
         tc.build("two_bars", tmp_path)
+
+
+def test_a_scene_and_a_run_are_shown(tmp_path, monkeypatch):
+    monkeypatch.setattr(document, "parts", lambda: Parts("@MODEL@", "", "", b""))
+    live = tc.view("two_bar", tmp_path / "live.html").read_text(encoding="utf-8")
+    played = tc.view(tc.simulate("two_bar", {"n4.force.z": 5.0}, **SHORT), tmp_path / "run.html").read_text(encoding="utf-8")
+    assert json.loads(live)["packed"] and "run" not in json.loads(live)
+    assert json.loads(played)["run"]["instants"] == 21 and json.loads(played)["run"]["force"]
+    with pytest.raises(InputError, match=r"\.html"):
+        tc.view("two_bar", tmp_path / "page.txt")

@@ -23,8 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 BLOCK = re.compile(r"^(?P<setup><!-- setup -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 
-#: Languages of blocks that nothing runs: another system's commands, and program output.
-SHOWN_ONLY = {"bat", "text"}
+#: Languages of blocks that nothing runs: another system's commands, program output, and data.
+SHOWN_ONLY = {"bat", "text", "csv"}
 
 #: How this test calls what a user calls.
 PROGRAMS = {
@@ -44,11 +44,12 @@ WRITTEN = {
         "mast.html",
         "path.csv",
         "modes.png",
-        "three_bar_nsh.png",
+        "three_bar_nsh.nc",
         "experiment_I.csv",
         "results/experiment_IV_figure_10.svg",
     ),
     "docs/fmu.md": ("dist/native/three_bar_nsh.fmu",),
+    "docs/python-api.md": ("lifted.nc", "n4.png", "dist/native/three_bar_nsh.fmu"),
     "docs/command-line.md": ("mast.csv", "scene.schema.json", "dist/native/mast.fmu", "check.json", "path.json"),
     "docs/view.md": ("three_bar_nsh.html", "lifted.html", "run.html"),
     "docs/equilibrium-paths.md": ("path.svg", "path.csv", "modes.svg", "modes.csv"),
