@@ -14,6 +14,7 @@ DOCS, BENCHMARKS = ROOT / "docs", ROOT / "benchmarks"
 
 def test_the_command_knows_every_figure_and_every_written_page():
     drawn = {name for page in redraw.pages() for name in page.figures} | {f"stability_{s.name}" for s in redraw.studies()}
+    drawn |= {"view_desktop", "view_plane", "view_phone"}  # pictures of a browser's: python -m tests.output.page_pictures
     assert {path.name for path in (DOCS / "figures").iterdir()} == {f"{name}.png" for name in drawn}
     shown = {name for page in DOCS.glob("*.md") for name in re.findall(r"\(figures/(\w+)\.png\)", page.read_text("utf-8"))}
     assert shown == drawn, "a figure that no page shows, or one that nothing draws"
