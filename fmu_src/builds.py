@@ -11,6 +11,8 @@ from typing import Any
 from tensegrity_core.errors import InputError, TensegrityError, shown
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
+from tensegrity_core.output.page import found as page_parts
+from tensegrity_core.output.page import write_page
 from tensegrity_core.scene import Scene, load_scene
 from tensegrity_core.statics import build_model
 
@@ -170,6 +172,7 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
     with workers() as executor:
         started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
         table, found = [HEAD], []
+        files: dict[Path, None] = {}
         for (name, runtime), results in outside.items():
             try:
                 validation = finish(
@@ -179,7 +182,9 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
                 status = fail(f"{name}, {runtime}", error)
                 continue
             report = built[name, runtime].with_suffix(".html")
-            write_report(validation, report)
+            page = live_page(models[name], options.output)
+            write_report(validation, report, page)
+            files |= dict.fromkeys((report, page) if page else (report,))
             table.append(row(validation))
             found.append(data(validation, built[name, runtime], report))
             for future in started[name]:
@@ -190,7 +195,18 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
             print(json.dumps(found, indent=2, allow_nan=False))
         else:
             options.say("\n".join(table))
+            options.say(f"reports: {', '.join(map(str, files))}" if files else "no report")
     return status
+
+
+def live_page(model: Model, folder: Path) -> Path | None:
+    """The page in which the scene moves, NAME_live.html in a folder; None where the package came without it: it is made by
+    `tensegrity view`."""
+    if page_parts() is None:
+        return None
+    path = folder / f"{model.name}_live.html"
+    write_page(path, model)
+    return path
 
 
 def runs_of(model: Model, thorough: bool) -> list[Scenario]:

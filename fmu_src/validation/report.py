@@ -25,14 +25,18 @@ from .sensitivity import WINDOW
 from .validate import TIGHT, Run, Validation, reference_settings
 
 
-def write_report(validation: Validation, path: Path) -> None:
-    """Plots of positions and string forces (FMU over reference, and their difference), the errors, and the versions."""
+def write_report(validation: Validation, path: Path, live: Path | None = None) -> None:
+    """Plots of positions and string forces (FMU over reference, and their difference), the errors, and the versions.
+
+    live: the page in which the scene moves; the report leads there.
+    """
     page = (
         environment()
         .get_template("report.html")
         .render(
             title=f"Validation of {validation.model.name}, {validation.runtime} FMU",
             model=validation.model,
+            live=os.path.relpath(live, path.parent) if live else None,
             runs=validation.runs,
             failures=validation.failures,
             tight=" and ".join(f"{tolerance:g}" for tolerance in TIGHT),

@@ -29,6 +29,7 @@ from tensegrity_core import kernel, reference
 from tensegrity_core.errors import SimulationError
 from tensegrity_core.model import Transition, grid, held
 from tensegrity_core.native.build import TARGETS
+from tensegrity_core.output.page import Parts, document
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 from tests.support import scene
@@ -433,6 +434,16 @@ def test_build_and_validate(brief, tmp_path, capsys):
     assert len(list((tmp_path / "cache").iterdir())) == 1
     assert build_fmu.main([*options, "--runtime", "python"]) == 0
     assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("made", [False, True])
+def test_a_page_stands_beside_the_reports_where_it_can(made, brief, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(builds, "page_parts", lambda: tmp_path if made else None)
+    monkeypatch.setattr(document, "parts", lambda: Parts("@MODEL@", "", "", b""))
+    assert build_fmu.main(["two_bar", "--runtime", "native", "--output", str(tmp_path / "ü #1")]) == 0
+    report, page = tmp_path / "ü #1" / "native" / "two_bar.html", tmp_path / "ü #1" / "two_bar_live.html"
+    assert capsys.readouterr().out.splitlines()[-1] == f"reports: {report}{f', {page}' if made else ''}"
+    assert page.is_file() == made == ('href="../two_bar_live.html"' in report.read_text(encoding="utf-8"))
 
 
 def test_a_passed_bound_is_exit_code_1(brief, tmp_path, capsys, monkeypatch):
