@@ -121,7 +121,7 @@ def test_what_is_imported_is_declared():
         return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", requirement)[0]).lower()
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = {plain(text) for text in project["dependencies"]}
+    declared = {plain(text) for text in [*project["dependencies"], *project["optional-dependencies"]["parquet"]]}
     declared |= {plain(text) for name in list(declared) for text in metadata.requires(name) or [] if "extra ==" not in text}
     declared.add("hatchling")  # which builds the package itself
     distributions = metadata.packages_distributions()
