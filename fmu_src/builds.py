@@ -55,6 +55,8 @@ class Options:
         """Raises InputError."""
         if not self.scenes:
             raise InputError("no scene is named; name one, or give --all")
+        if not (self.runtimes and set(self.runtimes) <= {"native", "python"}):
+            raise InputError(f"runtime = {', '.join(map(str, self.runtimes))!r} is none; use native, python or both")
         if self.simple and self.validate:
             raise InputError("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
         if self.thorough and not self.validate:
@@ -87,6 +89,7 @@ def make(options: Options) -> int:
         here()
         models = unique([load_scene(scene) for scene in options.scenes])
         apart = take_apart(models) if options.apart else {}
+        make_folder(options.output)
         compile_first(options)
         for model in apart.values():
             for runtime in options.runtimes:
@@ -107,6 +110,7 @@ def make(options: Options) -> int:
 def built(options: Options) -> dict[str, Path]:
     """The FMUs of one scene by their runtimes, for scripts.  Raises TensegrityError, also where a bound was passed."""
     (model,) = unique([load_scene(scene) for scene in options.scenes]).values()
+    make_folder(options.output)
     compile_first(options)
     found = {runtime: pack(model, runtime, options) for runtime in options.runtimes}
     if options.validate and validate({model.name: model}, {(model.name, r): path for r, path in found.items()}, options):
@@ -114,6 +118,15 @@ def built(options: Options) -> dict[str, Path]:
             f"{model.name}: the validation failed; what passed its bound stands in the reports beside the FMUs"
         )
     return found
+
+
+def make_folder(folder: Path) -> None:
+    """Raises InputError where it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as failure:
+        reason = getattr(failure, "strerror", None) or failure
+        raise InputError(f"--output {folder}: no such folder can be made: {reason}; name another one") from failure
 
 
 def compile_first(options: Options) -> None:

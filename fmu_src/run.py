@@ -66,12 +66,14 @@ def simulate(fmu: Path, inputs: str | None, times: np.ndarray, starts: list[str]
     parameters = _starts(description, starts)
     with scratch() as folder:
         place = fmpy.extract(str(fmu), unzipdir=str(folder / "fmu"))
+        instance = None
         try:
-            instance = outside.Instance(description, place, "run")
+            instance = outside.Instance(description, place, "run", logging=True, categories=outside.CATEGORIES[1:])
             rows, outputs, _ = outside.run(instance, times, values, names, parameters)
             instance.close()
         except Exception as failure:
-            raise InputError(f"{fmu} refuses the run: {failure}; its log says why") from failure
+            told = [text for status, _, text in (instance.messages if instance else ()) if status]
+            raise InputError(f"{fmu} refuses the run: {told[-1] if told else str(failure).rstrip('.')}") from failure
     found = {name: ("time", column, _told(instance.by_name[name])) for name, column in zip(outputs, rows.T)}
     known = {"model": description.modelName, "fmu": fmu.name, "generation_tool": description.generationTool or ""}
     return xr.Dataset(found, {"time": ("time", np.array(times), {"units": "s"})}, known)
@@ -124,5 +126,7 @@ def _starts(description: Any, texts: list[str]) -> dict[str, float]:
         if not equals:
             raise InputError(f"--set {text}: this is not of the form NAME=X; write as in gravity=3.7")
         value = finite(f"--set {text}", number, f"{one_of('--set', name, known)}=1")
+        if name in found:
+            raise InputError(f"--set {text}: {name} is given twice; give it once")
         found[name] = value if known[name].type == "Real" else round(value)
     return found

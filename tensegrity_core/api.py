@@ -29,6 +29,7 @@ from .model.components import names
 from .model.signals import Signal, driven, places, require_known
 from .output import series
 from .output.export import require_writable
+from .quantities import number
 from .scene import builtin_scenes, load_scene, parse_scene
 
 Scene = str | Path | Model
@@ -41,8 +42,8 @@ class _Named:
 
     def __getitem__(self, name: str) -> xr.DataArray:
         """A quantity by its name.  Raises InputError for a name that is none, with those that are close."""
-        if name not in self.data:
-            close = difflib.get_close_matches(name, [str(known) for known in self.data], n=3)
+        if not isinstance(name, str) or name not in self.data:
+            close = difflib.get_close_matches(str(name), [str(known) for known in self.data], n=3)
             guess = f"did you mean {', '.join(close)}?" if close else f"names are {', '.join(map(str, self.data))}"
             raise InputError(f"there is no {name!r}; {guess}")
         return self.data[name]
@@ -100,6 +101,10 @@ def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
             raise InputError("changes are made to a scene, not to its model; load the scene with them")
         return scene
     found = load_scene(scene)
+    if changes is not None and not (isinstance(changes, Mapping) and all(isinstance(key, str) for key in changes)):
+        raise InputError(f"changes = {changes!r} is no dictionary by places in the scene file, such as {{'gravity': 0.0}}")
+    if changes and "extends" in changes:
+        raise InputError("changes: another scene is not a change; load that scene")
     if changes:
         data: dict[str, Any] = {"extends": str(Path(found.file).resolve()), "name": found.name}
         for key, value in changes.items():
@@ -116,7 +121,7 @@ def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
 
 def simulate(
     scene: Scene,
-    inputs: Mapping[str, Signal] | str | Path | None = None,
+    inputs: Mapping[str, Signal] | pd.DataFrame | xr.Dataset | str | Path | None = None,
     duration: float = 5.0,
     step: float = 0.01,
     method: str = "auto",
@@ -131,10 +136,27 @@ def simulate(
     tolerance: see docs/methods.md; max_step: the largest step, s, of rk4 and ros2 the step.  Raises TensegrityError.
     """
     model, times = load(scene), grid(duration, step)
-    signals = read_inputs(inputs, model) if isinstance(inputs, str | Path) else dict(inputs or {})
-    given = driven(model, times, signals)
+    given = driven(model, times, _signals(inputs, model))
     result = kernel.simulate(model, given, method, tolerance, max_step)
     return Run(model, series.dataset(model, result, method=method, tolerance=tolerance, max_step=max_step), result, given)
+
+
+def _signals(inputs: Any, model: Model) -> Mapping[str, Signal]:
+    """What `simulate` takes, as signals by name.  Raises InputError."""
+    if inputs is None:
+        return {}
+    if isinstance(inputs, str | Path):
+        return read_inputs(inputs, model)
+    if isinstance(inputs, pd.DataFrame):
+        try:
+            inputs = series.from_frame(inputs)
+        except ValueError as failure:
+            raise InputError(f"inputs: {failure}") from None
+    if isinstance(inputs, xr.Dataset):
+        return _columns(inputs, model, "inputs")
+    if not isinstance(inputs, Mapping):
+        raise InputError(f"inputs = {inputs!r}: give a dictionary by name, a table with a column `time`, or the name of a file")
+    return inputs
 
 
 def read_inputs(path: str | Path, model: Model) -> dict[str, Signal]:
@@ -143,13 +165,22 @@ def read_inputs(path: str | Path, model: Model) -> dict[str, Signal]:
     Straight lines join the rows; two rows of one time are a jump.  Columns of outputs do not matter, so that a result's file
     will do.  Raises InputError for a column that is neither, and where none is an input.
     """
-    data, known = series.read(path), places(model)
-    columns = {str(name): values.values for name, values in data.items() if values.dims == ("time",)}
-    ignored = {name for field in outputs() for name in names(field, model)}
-    signals = {name: (data["time"].values, values) for name, values in columns.items() if name not in ignored}
-    if not any(name in known for name in signals):
-        raise InputError(f"{path}: no column is an input of {model.name}; inputs are {', '.join(list(known)[:30])}")
-    require_known(model, signals, str(path))
+    return _columns(series.read(path), model, str(path))
+
+
+def _columns(data: xr.Dataset, model: Model, where: str) -> dict[str, Signal]:
+    """Signals out of a Dataset over time.  Raises InputError."""
+    known, ignored = places(model), {name for field in outputs() for name in names(field, model)}
+    signals = {}
+    for name, values in data.items():
+        if str(name) in ignored or str(name).startswith("transition."):
+            continue
+        if values.dims != ("time",):
+            raise InputError(f"{where}: {name} is over {', '.join(map(str, values.dims))}; give it over time alone")
+        signals[str(name)] = (data["time"].values, values.values)
+    require_known(model, signals, where)
+    if not signals:
+        raise InputError(f"{where}: no column is an input of {model.name}; inputs are {', '.join(list(known)[:30])}")
     return signals
 
 
@@ -159,7 +190,7 @@ def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equi
     Raises TensegrityError where there is none.
     """
     model = load(scene)
-    force = driven(model, np.array([0.0, 1.0]), forces or {}).force[0]
+    force = _constant(model, forces)
     if not force.any():
         model = statics.settle(model)
     elif model.memories:  # a path would not know where they come from
@@ -177,8 +208,19 @@ def modes(scene: Scene | Equilibrium, forces: Mapping[str, float] | None = None,
     Raises TensegrityError.
     """
     state = scene if isinstance(scene, Equilibrium) else equilibrium(scene, forces)
-    force = driven(state.model, np.array([0.0, 1.0]), forces or {}).force[0]
-    return small_motions(state.model, force, damped=damped)
+    return small_motions(state.model, _constant(state.model, forces), damped=damped)
+
+
+def _constant(model: Model, forces: Mapping[str, float] | None) -> np.ndarray:
+    """(N, 3) N.  Raises InputError for what is no force on a free node, or no number."""
+    given = {name: number(str(name), value) for name, value in _signals(forces, model).items()}
+    require_known(model, given)
+    for name, value in given.items():
+        if places(model)[name][0] != "force":
+            raise InputError(f"{name}: a steady state is asked for under forces; load the scene with other values instead")
+        if not np.isfinite(value):
+            raise InputError(f"{name} = {value!r} is not a finite number; give one")
+    return driven(model, np.array([0.0, 1.0]), given).force[0]
 
 
 def build(scene: str | Path, output: str | Path = "dist", runtime: str = "both", validate: bool = False) -> dict[str, Path]:
@@ -186,6 +228,8 @@ def build(scene: str | Path, output: str | Path = "dist", runtime: str = "both",
 
     Raises TensegrityError where one cannot be built, or passes a bound.
     """
+    if isinstance(scene, Model):
+        raise InputError(f"{scene.name}: FMUs are built of a scene; give its name or file, not its model")
     builds = importlib.import_module("fmu_src.builds")
     runtimes = ("native", "python") if runtime == "both" else (runtime,)
     return builds.built(builds.Options((str(scene),), runtimes, output=Path(output), validate=validate))

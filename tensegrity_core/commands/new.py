@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +36,8 @@ def new(
 
     source = TEMPLATES / f"{one_of('KIND', kind, kinds())}.toml"
     path = require_writable(output or source.name, (".toml",))
+    if not re.fullmatch(r"[A-Za-z]\w*", path.stem, re.ASCII):
+        raise InputError(f"{path}: the file's name is the scene's, and must be an identifier; name it as in {kind}_1.toml")
     if path.exists():
         raise InputError(f"{path} is there; name another file: --output FILE")
     write_text(path, source.read_text(encoding="utf-8"))

