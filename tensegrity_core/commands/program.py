@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import json
 import os
 import sys
@@ -78,7 +79,7 @@ def run(command: Any, name: str, words: Sequence[str] | None) -> int:
     """
     given = list(sys.argv[1:] if words is None else words)
     debug = "--debug" in given
-    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()  # a closed stream is None
+    sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # a closed stream is None
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a description may have letters that the terminal's encoding lacks
@@ -104,10 +105,6 @@ def run(command: Any, name: str, words: Sequence[str] | None) -> int:
     except OSError as error:  # of a full disk: what files.py writes has errors of its own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _mistake(f"the output cannot be written: {error.strerror or error}; send it elsewhere", debug)
-
-
-def _nowhere() -> Any:
-    return open(os.devnull, "w")
 
 
 def tell(found: str | dict[str, Any], *written: object) -> None:
