@@ -186,6 +186,7 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
         started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
         table, found = [HEAD], []
         files: dict[Path, None] = {}
+        pages = {name: live_page(models[name], options.output) for name in started}
         for (name, runtime), results in outside.items():
             try:
                 validation = finish(
@@ -195,7 +196,7 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
                 status = fail(f"{name}, {runtime}", error)
                 continue
             report = built[name, runtime].with_suffix(".html")
-            page = live_page(models[name], options.output)
+            page = pages[name]
             write_report(validation, report, page)
             files |= dict.fromkeys((report, page) if page else (report,))
             table.append(row(validation))

@@ -19,7 +19,6 @@ import xarray as xr
 
 from . import kernel, statics
 from .equilibria import steady_states
-from .equilibria.loading import Loading
 from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
 from .errors import InputError
@@ -191,12 +190,7 @@ def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equi
     """
     model = load(scene)
     force = _constant(model, forces)
-    if not force.any():
-        model = statics.settle(model)
-    elif model.memories:  # a path would not know where they come from
-        model = statics.settle(model, force)
-    else:
-        model = Loading(model, force).model_at(1.0, steady_states.load_sweep(Loading(model, force), [0.0, 1.0]).nodes[-1])
+    model = steady_states.reached(model, force) if force.any() else statics.settle(model)
     result = kernel.simulate(model, driven(model, grid(1e-3, 1e-3), forces or {}))
     data = series.dataset(model, result, loaded=_words(forces)).isel(time=0).drop_dims("transition")
     return Equilibrium(model, data)

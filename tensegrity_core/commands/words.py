@@ -141,13 +141,7 @@ def rest_length_change(model: Model, texts: Sequence[str]) -> np.ndarray:
 def steady(model: Model, texts: list[str]) -> tuple[Model, np.ndarray]:
     """The model at the steady state that the forces reach slowly, and the forces (N, 3), N."""
     force = constant_force(model, texts)
-    if not force.any():
-        return model, force
-    if model.memories:  # a path would not know where they come from
-        return statics.settle(model, force), force
-    loading = Loading(model, force)
-    sweep = steady_states.load_sweep(loading, [0.0, 1.0])
-    return loading.model_at(1.0, sweep.nodes[-1]), force
+    return steady_states.reached(model, force) if force.any() else model, force
 
 
 def quantity_of(model: Model, loading: Loading, text: str | None) -> Quantity:

@@ -23,6 +23,7 @@ import numpy as np
 
 from .. import statics
 from ..errors import InputError
+from ..model import Model
 from . import quick_flow
 from .equilibrium import Equations
 from .load_steps import LoadSteps
@@ -91,6 +92,17 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None, ca
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
         here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist(), steps)
     return sweep
+
+
+def reached(model: Model, force: np.ndarray) -> Model:
+    """The model at the steady state that forces (N, 3), N, reach which grow slowly, from where it starts.
+
+    One with memories settles under them: a path would not know where they come from.  Raises TensegrityError.
+    """
+    if model.memories:
+        return statics.settle(model, force)
+    loading = Loading(model, force)
+    return loading.model_at(1.0, load_sweep(loading, [0.0, 1.0]).nodes[-1])
 
 
 def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps: LoadSteps | None) -> Point:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,9 +26,6 @@ from ..files import replacing
 from ..model import Model, Result
 from ..model.components import flattened, names
 from .export import require_writable
-
-#: Units as UDUNITS writes them, where they differ from the FMU's.
-UNITS = {"N.s/m": "N s m-1", "m/s": "m s-1", "rad/s": "rad s-1", "N/m": "N m-1", "m/s2": "m s-2", "kg.m2": "kg m2"}
 
 
 class _Part(NamedTuple):
@@ -51,7 +49,7 @@ def dataset(model: Model, result: Result, **attributes: Any) -> xr.Dataset:
     """attributes: what else is known of the run, text or numbers."""
     variables: dict[str, Any] = {}
     for field in outputs():
-        told = {"units": UNITS.get(field.unit, field.unit), "long_name": field.meaning}
+        told = {"units": udunits(field.unit), "long_name": field.meaning}
         for name, values in zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True):
             variables[name] = ("time", np.ascontiguousarray(values), told)
     for name, part in TRANSITION.items():
@@ -64,6 +62,14 @@ def dataset(model: Model, result: Result, **attributes: Any) -> xr.Dataset:
     known = {"scene": model.name, "description": model.description, "version": __version__, **attributes}
     known |= {f"statistics.{name}": int(count) for name, count in result.stats.items()}
     return xr.Dataset(variables, times, known)
+
+
+def udunits(unit: str) -> str:
+    """A unit of fields.py as UDUNITS writes it: m/s2 is m s-2."""
+    above, *below = unit.split("/")
+    return " ".join(
+        [*above.split("."), *(re.sub(r"(\d*)$", lambda power: f"-{power[1] or 1}", part, count=1) for part in below)]
+    )
 
 
 def transitions(data: xr.Dataset) -> pd.DataFrame:

@@ -235,6 +235,13 @@ def test_a_scene_is_varied_by_the_places_in_its_file():
         tc.load(model, {"gravity": 0.0})
 
 
+@pytest.mark.parametrize(
+    "unit, told", [("N", "N"), ("N.s/m", "N s m-1"), ("m/s2", "m s-2"), ("kg.m2", "kg m2"), ("N.m/A", "N m A-1"), ("1", "1")]
+)
+def test_units_are_those_of_udunits(unit, told):
+    assert series.udunits(unit) == told
+
+
 def test_a_name_that_is_none_is_guessed():
     run = tc.simulate("two_bar", **SHORT)
     with pytest.raises(InputError, match=r"there is no 'n4.zz'; did you mean n4.z"):

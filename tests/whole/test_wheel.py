@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tensegrity_core import cli
 from tensegrity_core.native import build
 from tensegrity_core.output.page import bundle
 from tensegrity_core.output.page.made import BUILT, folder_of_parts
@@ -187,7 +188,9 @@ def test_fmus_are_validated(installed):
 
 #: Words of each command, and the file that it writes ('' stands for standard output).
 COMMANDS = [
+    ("new mast", "mast.toml"),
     ("check two_bar", ""),
+    ("doctor", ""),
     ("schema", ""),
     ("tower 1 --output tower.toml", "tower.toml"),
     ("simulate tower.toml --duration 0.02 --output run.csv", "run.csv"),
@@ -197,12 +200,15 @@ COMMANDS = [
     ("path two_bar --force n4.z=1 --to 5 --output path.csv", "path.csv"),
     ("path two_bar --force n4.z=1 --to 5 --figure path.png", "path.png"),
     ("modes two_bar --figure modes.svg", "modes.svg"),
+    ("build two_bar --runtime native --no-validate --output built", "built/native/two_bar.fmu"),
+    ("run built/native/two_bar.fmu --duration 0.1 --output fmu.nc", "fmu.nc"),
     ("experiment beam", "experiment_beam.csv"),
     ("experiment IV --duration 0.1 --output results", "results/experiment_IV.csv"),
 ]
 
 
 def test_every_command_runs(installed):
+    assert {words.split()[0] for words, _ in COMMANDS} == set(cli.COMMANDS), "a subcommand that is not tried from a wheel"
     run = """
 import json, sys
 from tensegrity_core.cli import main
@@ -213,6 +219,17 @@ for words in json.loads(sys.argv[1]):
     assert "two_bar: " in shown and '"$defs"' in shown
     missing = [file for _, file in COMMANDS if not (installed.folder / file).exists()]
     assert not missing
+
+
+def test_scripts_begin_with_the_package_alone(installed):
+    run = """
+import tensegrity_core as tc
+run = tc.simulate("two_bar_nsh", {"n4.force.z": 40.0}, duration=0.1)
+assert (tc.load("two_bar_nsh", {"gravity": 0.0}).gravity, run["n4.z"].units) == (0.0, "m")
+print(run.save("run.nc"), tc.build("two_bar", runtime="native")["native"], len(tc.modes(tc.equilibrium("two_bar"))))
+"""
+    installed("-c", run)
+    assert (installed.folder / "run.nc").is_file() and (installed.folder / "dist" / "native" / "two_bar.fmu").is_file()
 
 
 def test_the_program_is_installed(installed, home):
