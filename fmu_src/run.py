@@ -92,6 +92,7 @@ def _held(description: Any, path: str | None, times: np.ndarray) -> tuple[list[s
     import numpy as np
 
     from tensegrity_core.commands.words import one_of
+    from tensegrity_core.model.inputs import just_after
     from tensegrity_core.model.signals import sampler
     from tensegrity_core.output import series
 
@@ -110,8 +111,7 @@ def _held(description: Any, path: str | None, times: np.ndarray) -> tuple[list[s
             whole = np.array([sample(t) for t in times])
             columns[name], columns[rates[name]] = whole[:-1], np.diff(whole) / np.diff(times)
         else:
-            just_after = times[:-1] + 1e-6 * np.diff(times)
-            columns[name] = np.array([sample(t) for t in just_after])
+            columns[name] = np.array([sample(t) for t in just_after(times)])
     return list(columns), np.array(list(columns.values())).reshape(len(columns), len(times) - 1).T
 
 

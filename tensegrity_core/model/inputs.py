@@ -108,6 +108,12 @@ def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
     return start + np.arange(count + 1) * duration / count
 
 
+def just_after(times: np.ndarray) -> np.ndarray:
+    """(K,) s: where inputs that are held over a step are sampled, so that a jump at its start counts."""
+    middle = 0.5 * (times[1:] + times[:-1])
+    return times[:-1] + 1e-6 * (middle - times[:-1])
+
+
 def held(
     model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None, drum_load=None, **others
 ) -> Inputs:
@@ -123,8 +129,7 @@ def held(
     """
     times = np.asarray(times, dtype=float)
     steps = len(times) - 1
-    middle = 0.5 * (times[1:] + times[:-1])
-    inside = times[:-1] + 1e-6 * (middle - times[:-1])
+    inside = just_after(times)
     found: dict[str, np.ndarray] = {}
     for name, signal in {"force": force, "current": current, "drum_load": drum_load, **others}.items():
         if name not in INPUTS or name in RATES or name in RATES.values():

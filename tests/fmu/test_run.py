@@ -10,7 +10,7 @@ import pytest
 from tensegrity_core.cli import main
 from tensegrity_core.output import series
 
-INPUTS = "time,n4.force.z,s4.rest_length,n4.z\n0,0,1.0,7\n0.1,0,1.0,7\n0.1,45,1.0,7\n0.3,45,0.95,7\n"
+INPUTS = "time,n4.force.z,s4.rest_length,n4.z\n0,0,1.0,7\n0.1,0,1.0,7\n0.1,45,1.0,7\n0.3,20,0.95,7\n"
 SHORT = ["--duration", "0.3", "--step", "0.02"]
 
 
