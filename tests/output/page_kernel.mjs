@@ -27,6 +27,7 @@ for (const job of JSON.parse(readFileSync(jobsFile))) {
     transitions.push(...kernel.transitions);
     snapped.push([...kernel.field("snapped")]);
   });
+  const stats = [...kernel.stats(job.stats)];
   const before = kernel.values.slice();
   const saved = kernel.save();
   kernel.step(job.steps[0]);
@@ -35,7 +36,7 @@ for (const job of JSON.parse(readFileSync(jobsFile))) {
   const back = kernel.values.every((value, i) => value === before[i]);
   kernel.step(job.steps[0]);
   const again = kernel.values.every((value, i) => value === ahead[i]);
-  told.push({ transitions, snapped, restored: back && again, stats: kernel.stats(job.stats), time: kernel.time });
+  told.push({ transitions, snapped, restored: back && again, stats, time: kernel.time });
 }
 const all = new Float64Array(rows.reduce((sum, row) => sum + row.length, 0));
 let at = 0;

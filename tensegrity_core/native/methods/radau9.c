@@ -3,6 +3,7 @@
  * The increments Z_i of the stages solve (A^-1/h x I) Z = F(y + Z), by simplified Newton iterations.  In the variables
  * W = TI Z these fall apart into one real and two complex systems, each reduced to half its size as in systems.c. */
 #include "linear/pairs.h"
+#include "linear/power.h"
 #include "methods/method.h"
 #include "methods/stages.h"
 #include "methods/systems.h"
@@ -107,7 +108,7 @@ static int iterate(ts_sim *sim, double tau, double h, double *Z, double *W, doub
         double size = size_of(sim, R), rate = it > 1 ? size / last : 0.0;
         if (!(size < INFINITY)) return -it;
         if (it == 1 ? size <= 1e-3 * enough : rate / (1.0 - rate) * size <= enough && rate < 1.0) return it;
-        if (it > 1 && (rate >= 1.0 || pow(rate, MOST_ITERATIONS - it) / (1.0 - rate) * size > enough)) return -it;
+        if (it > 1 && (rate >= 1.0 || ts_real_power(rate, MOST_ITERATIONS - it) / (1.0 - rate) * size > enough)) return -it;
         last = size;
     }
     return -MOST_ITERATIONS;

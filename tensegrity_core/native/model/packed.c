@@ -234,7 +234,10 @@ static const char *lay_out_bars(ts_model *m, const double *nodes)
     for (int i = 0; i < m->count[TS_B]; i++) {
         int first = m->packed.bars[2 * i], second = m->packed.bars[2 * i + 1], base = -1, tip = second;
         double length = 0.0;
-        for (int d = 0; d < D; d++) length += pow(nodes[second * D + d] - nodes[first * D + d], 2);
+        for (int d = 0; d < D; d++) {
+            double along = nodes[second * D + d] - nodes[first * D + d];
+            length += along * along;
+        }
         m->bar.length[i] = sqrt(length);
         if (!(length > 0.0 && length < INFINITY)) return "a bar has no length";
         if (m->packed.fixed[first] && m->packed.fixed[second]) return "a bar has both ends fixed";

@@ -2,6 +2,7 @@
 #include "steps/integrate.h"
 #include "invariants.h"
 #include "linear/pairs.h"
+#include "linear/power.h"
 #include "methods/method.h"
 #include "model/data.h"
 #include "motion/kinematics.h"
@@ -52,7 +53,7 @@ static double first_step(ts_sim *sim, const ts_method *method, double tau, doubl
     ts_rhs(sim, tau + h0, sim->ahead.y, sim->ahead.f);
     for (int i = 0; i < ny; i++) sim->attempt.error[i] = sim->ahead.f[i] - sim->start.f[i];
     double d2 = ts_error_norm(sim, sim->attempt.error, sim->state.y, sim->state.y) * tolerance / h0, d = fmax(d1, d2);
-    double h1 = d <= 1e-15 ? fmax(1e-6, 1e-3 * h0) : pow(tolerance / d, method->exponent);
+    double h1 = d <= 1e-15 ? fmax(1e-6, 1e-3 * h0) : ts_real_power(tolerance / d, method->exponent);
     double h = fmin(100.0 * h0, h1);
     return h > 0.0 ? fmin(h, most) : most; /* NaN: the error test will see it */
 }
@@ -290,8 +291,9 @@ static int affordable(const ts_sim *sim, budget *b, double tau, double end)
  * II, section IV.2). */
 static double controlled(const ts_method *method, double err, double last)
 {
-    if (method->smoothing == 0.0) return pow(err, -method->exponent);
-    return pow(err, 0.75 * method->smoothing - method->exponent) * pow(fmax(last, LEAST_ERROR), method->smoothing);
+    if (method->smoothing == 0.0) return ts_real_power(err, -method->exponent);
+    return ts_real_power(err, 0.75 * method->smoothing - method->exponent) *
+           ts_real_power(fmax(last, LEAST_ERROR), method->smoothing);
 }
 
 /* Try a step; 1 if it may stand.  The controller's next proposal stands in memory.h_next. */
@@ -311,8 +313,8 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     if (method->flags & TS_FIXED_STEP && !ts_all_finite(sim->ahead.y, 2 * sim->m.nq)) err = NAN;
     if (!(err <= 1.0)) {
         memory->stats[TS_REJECTED]++;
-        memory->h_next =
-            h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * pow(err, -method->exponent)) : sim->attempt.shrink);
+        memory->h_next = h * (err > 1.0 && err < INFINITY ? fmax(SHRINK, SAFETY * ts_real_power(err, -method->exponent))
+                                                          : sim->attempt.shrink);
         sim->memory.rejected++;
         ts_review_rejection(sim);
         return 0;

@@ -3,6 +3,7 @@
 #include "laws/memory/flow.h"
 #include "laws/law.h"
 #include "laws/memory/branches.h"
+#include "linear/power.h"
 
 #include <math.h>
 #include <string.h>
@@ -104,7 +105,7 @@ void ts_flow(ts_graph *g, double x, int way)
         while (!solvable(g, slope, k, h)) h *= 0.5;
         double error = flow_step(g, x, g->v, bias, rate, slope, k, h, end) / (FLOW_ERROR * g->length);
         if (error <= 1.0) memcpy(g->v, end, sizeof(double) * (size_t)g->n);
-        h *= fmin(4.0, fmax(0.2, 0.8 / cbrt(fmax(error, 1e-3))));
+        h *= fmin(4.0, fmax(0.2, 0.8 * ts_real_power(fmax(error, 1e-3), -1.0 / 3.0)));
     }
     g->reason = "the snap of a hysteretic string finds no end";
 }
