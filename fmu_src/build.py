@@ -44,6 +44,9 @@ def build(
             "--detach-actuators", help="Actuators as FMUs of their own, SCENE_STRING_actuator, beside a structure without them."
         ),
     ] = False,
+    no_page: Annotated[
+        bool, typer.Option("--no-page", help="Without the page in which the scene moves: 0.3 MB less in each FMU.")
+    ] = False,
     naming: Annotated[str, typer.Option(metavar="NAME", help="structured: n4.force.x; flat: n4_force_x.")] = "structured",
     no_validate: Annotated[bool, typer.Option("--no-validate", help="Only build.")] = False,
     thorough: Annotated[bool, typer.Option("--thorough", help="Validate every input at every damping.")] = False,
@@ -65,6 +68,7 @@ def build(
         platforms=builds.platforms(platforms),
         sources=sources,
         simple=simple_types,
+        page=not no_page,
         cross_check=cross_check,
         output=output,
         apart=detach_actuators,

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_core.errors import InputError, TensegrityError, shown
+from tensegrity_core.files import write_bytes
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
-from tensegrity_core.output.page import found as page_parts
-from tensegrity_core.output.page import write_page
+from tensegrity_core.output.page import page, parts
 from tensegrity_core.scene import Scene, load_scene
 from tensegrity_core.statics import build_model
 
@@ -33,8 +33,9 @@ class Options:
     """What is built of each scene, and how it is checked.
 
     scenes: names or paths; runtimes: of "native", "python"; platforms: beside this one, keys of TARGETS; sources,
-    cross_check: of native FMUs; simple: see Contents; apart: actuators as FMUs of their own; cache: folder of reference
-    runs, None for none; json: the table as JSON on standard output, and everything else on standard error.
+    cross_check: of native FMUs; simple: see Contents; page: the page in which the scene moves goes into their documentation
+    and beside the reports; apart: actuators as FMUs of their own; cache: folder of reference runs, None for none; json: the
+    table as JSON on standard output, and everything else on standard error.
     """
 
     scenes: tuple[str, ...]
@@ -42,6 +43,7 @@ class Options:
     platforms: tuple[str, ...] = ()
     sources: bool = False
     simple: bool = False
+    page: bool = True
     cross_check: Path | None = None
     output: Path = Path("dist")
     apart: bool = False
@@ -91,20 +93,23 @@ def make(options: Options) -> int:
         apart = take_apart(models) if options.apart else {}
         make_folder(options.output)
         compile_first(options)
+        pages = live_pages(models, options)
         for model in apart.values():
             for runtime in options.runtimes:
                 options.say(f"wrote {pack(model, runtime, options)}")
         for name, model in models.items():
             for runtime in options.runtimes:
-                built[name, runtime] = pack(model, runtime, options)
+                built[name, runtime] = pack(model, runtime, options, pages.get(name))
                 options.say(f"wrote {built[name, runtime]}")
             if options.cross_check:
-                place = write_cross_check(model, options.cross_check, options.naming, options.cache, **contents(options))
+                place = write_cross_check(
+                    model, options.cross_check, options.naming, options.cache, **contents(options, pages.get(name))
+                )
                 options.say(f"wrote {place}")
     except (TensegrityError, OSError) as error:
         print(f"error: {shown(str(error))}", file=sys.stderr)
         return 2
-    return validate(models, built, options) if options.validate else 0
+    return validate(models, built, options, pages) if options.validate else 0
 
 
 def built(options: Options) -> dict[str, Path]:
@@ -112,8 +117,10 @@ def built(options: Options) -> dict[str, Path]:
     (model,) = unique([load_scene(scene) for scene in options.scenes]).values()
     make_folder(options.output)
     compile_first(options)
-    found = {runtime: pack(model, runtime, options) for runtime in options.runtimes}
-    if options.validate and validate({model.name: model}, {(model.name, r): path for r, path in found.items()}, options):
+    pages = live_pages({model.name: model}, options)
+    found = {runtime: pack(model, runtime, options, pages.get(model.name)) for runtime in options.runtimes}
+    named = {(model.name, runtime): path for runtime, path in found.items()}
+    if options.validate and validate({model.name: model}, named, options, pages):
         raise TensegrityError(
             f"{model.name}: the validation failed; what passed its bound stands in the reports beside the FMUs"
         )
@@ -137,16 +144,28 @@ def compile_first(options: Options) -> None:
             cross_compiled(name, options.say, kind)
 
 
-def pack(model: Model, runtime: str, options: Options) -> Path:
+def live_pages(models: dict[str, Model], options: Options) -> dict[str, bytes]:
+    """The page in which a scene runs, by its name.  None where it is not wanted or cannot be made here, which is said once."""
+    if not options.page:
+        return {}
+    try:
+        common = parts(options.say)
+    except TensegrityError as lacking:
+        Notes(f"FMUs and reports come without the page in which the scene moves: {lacking}")
+        return {}
+    return {name: page(model, common=common).encode() for name, model in models.items()}
+
+
+def pack(model: Model, runtime: str, options: Options, live: bytes | None = None) -> Path:
     path = options.output / runtime / f"{model.name}.fmu"
     if runtime == "python":
-        return pack_python_fmu(model, path, options.naming, simple=options.simple, platforms=options.platforms)
-    return pack_native_fmu(model, path, options.naming, **contents(options))
+        return pack_python_fmu(model, path, options.naming, simple=options.simple, platforms=options.platforms, page=live)
+    return pack_native_fmu(model, path, options.naming, **contents(options, live))
 
 
-def contents(options: Options) -> dict:
+def contents(options: Options, live: bytes | None = None) -> dict:
     """What may be in native FMUs, see native_fmu.Contents."""
-    return {"platforms": options.platforms, "sources": options.sources, "simple": options.simple}
+    return {"platforms": options.platforms, "sources": options.sources, "simple": options.simple, "page": live}
 
 
 def unique(scenes: list[Scene]) -> dict[str, Model]:
@@ -171,8 +190,11 @@ def take_apart(models: dict[str, Model]) -> dict[str, Model]:
     return found
 
 
-def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], options: Options) -> int:
-    """Validate all FMUs, the reference runs of all of them side by side; prints the table, writes the reports."""
+def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], options: Options, pages: dict[str, bytes]) -> int:
+    """Validate all FMUs, the reference runs of all of them side by side; prints the table, writes the reports.
+
+    pages: see live_pages; each is written beside the reports of its scene.
+    """
     told = Notes(trouble(options.cache))
     runs = {name: runs_of(model, options.thorough) for name, model in models.items()}
     outside, status = {}, 0
@@ -186,7 +208,7 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
         started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
         table, found = [HEAD], []
         files: dict[Path, None] = {}
-        pages = {name: live_page(models[name], options.output) for name in started}
+        beside = {name: write_live(options.output, name, pages[name]) for name in started if name in pages}
         for (name, runtime), results in outside.items():
             try:
                 validation = finish(
@@ -196,9 +218,9 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
                 status = fail(f"{name}, {runtime}", error)
                 continue
             report = built[name, runtime].with_suffix(".html")
-            page = pages[name]
-            write_report(validation, report, page)
-            files |= dict.fromkeys((report, page) if page else (report,))
+            live = beside.get(name)
+            write_report(validation, report, live)
+            files |= dict.fromkeys((report, live) if live else (report,))
             table.append(row(validation))
             found.append(data(validation, built[name, runtime], report))
             for future in started[name]:
@@ -213,13 +235,10 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], optio
     return status
 
 
-def live_page(model: Model, folder: Path) -> Path | None:
-    """The page in which the scene moves, NAME_live.html in a folder; None where the package came without it: it is made by
-    `tensegrity view`."""
-    if page_parts() is None:
-        return None
-    path = folder / f"{model.name}_live.html"
-    write_page(path, model)
+def write_live(folder: Path, name: str, content: bytes) -> Path:
+    """The page in which a scene moves, in a file of its own."""
+    path = folder / f"{name}_live.html"
+    write_bytes(path, content)
     return path
 
 

@@ -114,5 +114,7 @@ def _page() -> Finding:
     if folder := found():
         return Finding("web page", f"{folder}: tensegrity view works", needed=False)
     if lacking := bundle.missing():
-        return Finding("web page", "not built: no tensegrity view", f"pip install {' '.join(lacking)}", needed=False)
-    return Finding("web page", "not built yet: the first tensegrity view does, which takes a minute and npm", needed=False)
+        return Finding(
+            "web page", "not built: no tensegrity view, none in FMUs", f"pip install {' '.join(lacking)}", needed=False
+        )
+    return Finding("web page", "not built yet: the first view or build does, which takes a minute and npm", needed=False)

@@ -66,12 +66,13 @@ SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0}
 class Contents:
     """What may differ between native FMUs of a model.  naming: 'structured' or 'flat'; platforms: keys of build.TARGETS,
     compiled by ziglang, beside the one that runs this (if that is named, it is compiled anew, for old systems too); sources:
-    pack them; simple: without types that some tools do not know, see model_description.plain."""
+    pack them; simple: without types that some tools do not know, see model_description.plain; page: see pack.complete."""
 
     naming: str = "structured"
     platforms: tuple[str, ...] = ()
     sources: bool = False
     simple: bool = False
+    page: bytes | None = None
 
 
 def pack_native_fmu(model: Model, destination: Path, naming: str = "structured", **contents) -> Path:
@@ -102,7 +103,7 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         f"tensegrity {tensegrity_core.__version__}",
         sources=compiled_of(sources),
     )
-    guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming)
+    guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming, contents.page)
     files["resources/variables.bin"] = variables_bin(model, table, guid, packed)
     return files
 

@@ -22,7 +22,7 @@ from tensegrity_core.model import Model
 from tensegrity_core.native import build
 
 from ..places import DISTRIBUTION, clone
-from ..variables.documentation import index_html
+from ..variables.documentation import LIVE, index_html
 from ..variables.drawing import model_png
 from ..variables.interface import Variable, by_reference, variables
 from ..variables.model_description import Experiment, Runtime, content_guid, model_description, plain
@@ -48,22 +48,28 @@ def pack_python_fmu(
     library: Path | None = None,
     simple: bool = False,
     platforms: tuple[str, ...] = (),
+    page: bytes | None = None,
 ) -> Path:
     """Write the Python FMU of a model; returns its path.
 
     destination: the .fmu file; naming: of the variables, 'structured' or 'flat'; library: the kernel's C library for this
     platform, by default the one that this Python uses; simple: see model_description.plain; platforms: keys of
-    build.TARGETS, compiled by ziglang, beside the one that runs this.  Raises PackError.
+    build.TARGETS, compiled by ziglang, beside the one that runs this; page: see complete.  Raises PackError.
     """
     native, kernels = {here(): host_library("python")}, {here(): library or CORE / "native" / LIBRARY}
     native |= {name: cross_compiled(name, kind="python") for name in platforms}
     kernels |= {name: cross_compiled(name, kind="kernel") for name in platforms}
-    write_zip(destination, python_fmu_files(model, naming, on_arm(native), kernels, simple))
+    write_zip(destination, python_fmu_files(model, naming, on_arm(native), kernels, simple, page))
     return destination
 
 
 def python_fmu_files(
-    model: Model, naming: str, native: dict[str, Path], kernels: dict[str, Path], simple: bool = False
+    model: Model,
+    naming: str,
+    native: dict[str, Path],
+    kernels: dict[str, Path],
+    simple: bool = False,
+    page: bytes | None = None,
 ) -> dict[str, bytes]:
     """Everything in the FMU: path inside the archive -> content.  native, kernels: platform -> library."""
     table = variables(model, naming)
@@ -78,7 +84,7 @@ def python_fmu_files(
     files["resources/variables.json"] = variables_json(model, table, kernels, content, "")
     files |= {f"binaries/{name}/{model.name}{path.suffix}": path.read_bytes() for name, path in native.items()}
     runtime = Runtime("python", f"tensegrity {tensegrity_core.__version__} with pythonfmu {metadata.version('pythonfmu')}")
-    guid = complete(files, model, plain(table) if simple else table, runtime, naming)
+    guid = complete(files, model, plain(table) if simple else table, runtime, naming, page)
     files["resources/variables.json"] = variables_json(model, table, kernels, content, guid)
     files["resources/checksums.txt"] = checksums(files)
     files["documentation/licenses/pythonfmu.txt"] = licence_of("pythonfmu")
@@ -92,9 +98,16 @@ def checksums(files: dict[str, bytes]) -> bytes:
     return "".join(f"{line}\n" for line in [f"# {len(lines)} files", *lines]).encode()
 
 
-def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...], runtime: Runtime, naming: str) -> str:
-    """Add what every FMU has: description, icon, documentation, licence.  Returns the GUID, a hash of `files` as they were
-    and of the description."""
+def complete(
+    files: dict[str, bytes],
+    model: Model,
+    table: tuple[Variable, ...],
+    runtime: Runtime,
+    naming: str,
+    page: bytes | None = None,
+) -> str:
+    """Add what every FMU has: description, icon, documentation, licence.  page: the model's live page, which goes into the
+    documentation; None: it has none.  Returns the GUID, a hash of `files` as they were and of the description."""
     tolerance = next(row.start for row in table if row.field == "tolerance")
     version = tensegrity_core.__version__
 
@@ -105,7 +118,9 @@ def complete(files: dict[str, bytes], model: Model, table: tuple[Variable, ...],
     guid = content_guid(description(""), files)
     files["modelDescription.xml"] = description(guid)
     files["model.png"] = model_png(model)
-    files["documentation/index.html"] = index_html(model, table, version, runtime)
+    files["documentation/index.html"] = index_html(model, table, version, runtime, page is not None)
+    if page is not None:
+        files[f"documentation/{LIVE}"] = page
     files["documentation/licenses/license.txt"] = licence_of(DISTRIBUTION)
     return guid
 

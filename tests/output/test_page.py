@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fmu_src import builds
 from fmu_src.packing.native_fmu import pack_native_fmu
 from tensegrity_core.cli import main
 from tensegrity_core.errors import TensegrityError
@@ -26,6 +27,7 @@ from tests.support import push, scene
 from tests.support.tools import PAGE
 
 LIMIT = 1_500_000  # bytes of a page
+FMU_LIMIT = 650_000  # bytes of an FMU for one platform with its page; without it: 300 000
 pytestmark = pytest.mark.usefixtures("made_page")
 
 
@@ -123,6 +125,34 @@ def test_the_page_of_an_fmu_is_that_of_its_scene(kind, native_fmus, fmus, tmp_pa
         fmu = {"native": native_fmus, "python": fmus}[kind][name]
         assert main(["view", str(fmu), "--output", "fmu.html"]) == 0
         assert (tmp_path / "fmu.html").read_text(encoding="utf-8") == page(scene(name))
+
+
+@PAGE
+@pytest.mark.parametrize("runtime", ["native", "python"])
+def test_the_page_stands_in_every_fmu(runtime, native_fmus, fmus, tmp_path):
+    """And changes nothing else in it: its identity is that of the FMU without the page."""
+    packed = {"native": native_fmus, "python": fmus}[runtime]
+    for name in builtin_scenes():
+        (path,) = builds.built(builds.Options((name,), (runtime,), output=tmp_path, validate=False)).values()
+        files, bare = content(path), content(packed[name])
+        assert files.pop("documentation/live.html").decode() == page(scene(name))
+        index = files.pop("documentation/index.html").decode()
+        assert '<a href="live.html">' in index and "live.html" not in bare.pop("documentation/index.html").decode()
+        assert files == bare
+        assert path.stat().st_size <= FMU_LIMIT
+    again = builds.built(builds.Options((name,), (runtime,), output=tmp_path / "again", validate=False))
+    assert again[runtime].read_bytes() == path.read_bytes()
+
+
+@PAGE
+def test_the_page_can_be_left_out_of_fmus(native_fmus, tmp_path):
+    assert main(["build", "two_bar", "--runtime", "native", "--no-validate", "--no-page", "--output", str(tmp_path)]) == 0
+    assert (tmp_path / "native" / "two_bar.fmu").read_bytes() == native_fmus["two_bar"].read_bytes()
+
+
+def content(fmu) -> dict[str, bytes]:
+    with zipfile.ZipFile(fmu) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @PAGE

@@ -19,6 +19,8 @@ WEB = Path(__file__).resolve().parent / "web"
 TEMPLATE = "page.html"
 SCRIPT, STYLE, KERNEL = "page.js", "page.css", "kernel.wasm"
 FILES = (SCRIPT, STYLE, KERNEL)
+#: Of npm: packages that it has fetched before do; without a network it gives up after seconds, not after a minute.
+PATIENCE = ("--prefer-offline", "--fetch-retries=2", "--fetch-retry-mintimeout=1000", "--fetch-retry-maxtimeout=3000")
 #: Browsers that have WebAssembly with vectors, and streams that unpack.
 TARGET = "--target=chrome91,firefox113,safari16.4"
 
@@ -74,7 +76,7 @@ def _bundle(folder: Path) -> None:
     _, npm = tools
     for path in sources():
         shutil.copy(path, folder / path.name)
-    _run([*npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error"], folder)
+    _run([*npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error", *PATIENCE], folder)
     esbuild = next(path for path in (folder / "node_modules" / "@esbuild").glob("*/**/esbuild*") if path.suffix in ("", ".exe"))
     line = [
         str(esbuild),

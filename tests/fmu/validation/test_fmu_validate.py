@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import tempfile
+import zipfile
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -26,10 +27,10 @@ from fmu_src.validation.speed import measure
 from fmu_src.validation.trials import trials
 from fmu_src.variables.interface import variables
 from tensegrity_core import kernel, reference
-from tensegrity_core.errors import SimulationError
+from tensegrity_core.errors import SimulationError, TensegrityError
 from tensegrity_core.model import Transition, grid, held
 from tensegrity_core.native.build import TARGETS
-from tensegrity_core.output.page import Parts, document
+from tensegrity_core.output.page import Parts
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 from tests.support import scene
@@ -436,10 +437,26 @@ def test_build_and_validate(brief, tmp_path, capsys):
     assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text(encoding="utf-8")
 
 
+def unmade(say):
+    """In the place of output.page.parts, where pages cannot be made."""
+    raise TensegrityError("the page is built once, which takes: pip install something")
+
+
+def test_where_no_page_can_be_made_that_is_said_once(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(builds, "parts", unmade)
+    assert build_fmu.main(["two_bar", "three_bar", "--no-validate", "--output", str(tmp_path)]) == 0
+    told = "note: FMUs and reports come without the page in which the scene moves: "
+    assert capsys.readouterr().err == f"{told}the page is built once, which takes: pip install something\n"
+    for fmu in tmp_path.rglob("*.fmu"):
+        with zipfile.ZipFile(fmu) as archive:
+            assert "documentation/live.html" not in archive.namelist()
+            assert b"live.html" not in archive.read("documentation/index.html")
+
+
 @pytest.mark.parametrize("made", [False, True])
 def test_a_page_stands_beside_the_reports_where_it_can(made, brief, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(builds, "page_parts", lambda: tmp_path if made else None)
-    monkeypatch.setattr(document, "parts", lambda: Parts("@MODEL@", "", "", b""))
+    parts = (lambda say: Parts("@MODEL@", "", "", b"")) if made else unmade
+    monkeypatch.setattr(builds, "parts", parts)
     assert build_fmu.main(["two_bar", "--runtime", "native", "--output", str(tmp_path / "ü #1")]) == 0
     report, page = tmp_path / "ü #1" / "native" / "two_bar.html", tmp_path / "ü #1" / "two_bar_live.html"
     assert capsys.readouterr().out.splitlines()[-1] == f"reports: {report}{f', {page}' if made else ''}"
