@@ -14,7 +14,9 @@ import numpy as np
 
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import Model, grid, held
-from tensegrity_core.output.plots import BAR, ELEVATION, NSH, Drawing, frame, new_axes, new_figure, slack_strings, write_frames
+from tensegrity_core.output.drawing import BAR, ELEVATION, NSH, Drawing, frame, new_axes, slack_strings
+from tensegrity_core.output.film import write_frames
+from tensegrity_core.output.plots import new_figure
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 

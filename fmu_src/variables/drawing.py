@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 
 from tensegrity_core.model import Model
-from tensegrity_core.output.plots import draw, new_axes, new_figure
+from tensegrity_core.output.drawing import draw, new_axes
+from tensegrity_core.output.plots import new_figure
 
 
 def model_png(model: Model, pixels: int = 480) -> bytes:
     """A square PNG; the same model gives the same bytes under the same version of Matplotlib."""
     figure = new_figure(pixels, pixels)
-    draw(new_axes(figure, model), model)
+    draw(new_axes(figure, model), model, names=True)
     out = io.BytesIO()
     figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..model import Inputs, Model, Result
+
+#: Width and height of a film, pixels.
+SMALLEST, LARGEST = 100, 2000
 
 
 def simulate(
@@ -58,6 +62,8 @@ def animate(
     duration: Duration = 5.0,
     speed: Annotated[float, typer.Option(metavar="X", help="Simulated s per s of film.")] = 1.0,
     fps: Annotated[int, typer.Option(metavar="N", help="Frames per second of film, up to 50.")] = 20,
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of the film, pixels.")] = "480x480",
+    names: Annotated[bool, typer.Option(help="Names of nodes, strings and bars, where there is room.")] = True,
     method: Method = "auto",
     tolerance: Tolerance = 1e-10,
     debug: Debug = False,
@@ -66,17 +72,27 @@ def animate(
     import numpy as np
 
     from ..output.export import require_writable
-    from ..output.plots import animate as write_film
+    from ..output.film import animate as write_film
     from .words import model_of, positive, sample_times
 
     path = require_writable(output, (".gif",))
     if not 1 <= fps <= 50:
         raise InputError(f"--fps = {fps} is out of range; give a whole number from 1 to 50")
+    pixels = _size(size)
     times = sample_times(duration, positive("--speed", speed) / fps)
     model, _ = model_of(scene)
     result, inputs = _run(model, times, force, method, tolerance)
-    write_film(model, result, path, fps, np.concatenate((inputs.force, inputs.force[-1:])))
+    write_film(model, result, path, fps, np.concatenate((inputs.force, inputs.force[-1:])), pixels, names)
     print(f"{model.name}: film of {times[-1]:g} s in {len(times)} frames written to {path}")
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Width and height out of "480x360", pixels.  Raises InputError."""
+    found = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text.strip().lower())
+    width, height = (int(part) for part in found.groups()) if found else (0, 0)
+    if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
+        raise InputError(f"--size = {text!r} is no size; give width and height from {SMALLEST} to {LARGEST} pixels, as 640x480")
+    return width, height
 
 
 def _run(

@@ -11,9 +11,12 @@ from matplotlib.figure import Figure
 
 from ..equilibria.modes import Mode
 from ..model import Model
-from .plots import BAR, NSH, STRING, frame, new_axes, new_figure
+from .drawing import NAMED_ROOM, Drawing, frame, new_axes
+from .plots import new_figure
 
 SWING = 0.12  # of the structure's size: the largest move that is drawn
+FEW_STRINGS = 8  # whose names two states of a structure leave room for
+WIDTH = 0.6  # of lines and marks, of those of a picture of a structure alone
 
 
 def modes_figure(model: Model, found: list[Mode], most: int = 6) -> Figure:
@@ -39,19 +42,12 @@ def label(mode: Mode) -> str:
 
 
 def draw_mode(axes: Axes, model: Model, mode: Mode) -> None:
-    """One mode's shape on axes of plots.new_axes."""
+    """One mode's shape on axes of drawing.new_axes."""
     reach = SWING * float(np.ptp(model.nodes, axis=0).max())
     way = mode.shape.real
-    way = reach * way / max(float(np.linalg.norm(way, axis=1).max()), 1e-300)
-    states = [(model.nodes, 0.25), (model.nodes + way, 1.0)]
-    for nodes, alpha in states:
-        for ends, law in zip(model.strings, model.nsh):
-            _line(axes, model, nodes[ends], NSH if law else STRING, 1.0, alpha)
-        for ends in model.bars:
-            _line(axes, model, nodes[ends], BAR, 3.0, alpha)
-    frame(axes, model, np.concatenate([nodes for nodes, _ in states]))
-
-
-def _line(axes: Axes, model: Model, points: np.ndarray, colour: str, width: float, alpha: float) -> None:
-    places = points[:, list(model.axes)].T
-    axes.plot(*places, color=colour, linewidth=width, alpha=alpha, solid_capstyle="round")
+    moved = model.nodes + reach * way / max(float(np.linalg.norm(way, axis=1).max()), 1e-300)
+    Drawing(axes, model, WIDTH, alpha=0.25, floor=False)
+    drawing = Drawing(axes, model, WIDTH, floor=False)
+    drawing.move(moved, slack=np.zeros(len(model.strings), dtype=bool))
+    frame(axes, model, np.vstack((model.nodes, moved)), NAMED_ROOM)
+    drawing.name(moved, members=len(model.strings) <= FEW_STRINGS)

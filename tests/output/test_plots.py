@@ -9,7 +9,7 @@ from PIL import Image
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
-from tensegrity_core.output import plots
+from tensegrity_core.output import drawing, film, plots
 from tests.support import push, scene
 
 SCENES = ("two_bar_nsh", "three_bar", "six_bar_nsh")
@@ -33,16 +33,16 @@ def points_of(line, model):
 
 def drawn(model, nodes=None, **state):
     figure = plots.new_figure(200, 200)
-    drawing = plots.draw(plots.new_axes(figure, model), model)
-    drawing.move(model.nodes if nodes is None else nodes, **state)
-    return drawing
+    made = drawing.draw(drawing.new_axes(figure, model), model)
+    made.move(model.nodes if nodes is None else nodes, **state)
+    return made
 
 
-def lines(drawing, color, linestyle=None):
+def lines(made, color, linestyle=None):
     return [
         line
-        for line in drawing.axes.lines
-        if line.get_color() == color and len(points_of(line, drawing.model)) and linestyle in (None, line.get_linestyle())
+        for line in made.axes.lines
+        if line.get_color() == color and len(points_of(line, made.model)) and linestyle in (None, line.get_linestyle())
     ]
 
 
@@ -51,13 +51,13 @@ def test_members_end_at_their_nodes(name):
     model = scene(name)
     shift = np.zeros(3)
     shift[list(model.axes)] = 0.1
-    drawing = drawn(model, model.nodes + shift)
-    ends = [points_of(line, model) for line in lines(drawing, plots.BAR)]
+    made = drawn(model, model.nodes + shift)
+    ends = [points_of(line, model) for line in lines(made, drawing.BAR)]
     np.testing.assert_allclose(ends, (model.nodes + shift)[model.bars])
     plain = [i for i, nsh in enumerate(model.nsh) if nsh is None]
-    ends = [points_of(line, model) for line in lines(drawing, plots.STRING)]
+    ends = [points_of(line, model) for line in lines(made, drawing.STRING)]
     np.testing.assert_allclose(ends, (model.nodes + shift)[model.strings[plain]])
-    ends = [points_of(line, model)[[0, -1]] for line in lines(drawing, plots.NSH)]
+    ends = [points_of(line, model)[[0, -1]] for line in lines(made, drawing.NSH)]
     expected = (model.nodes + shift)[model.strings[list(model.nsh_strings)]]
     np.testing.assert_allclose(np.reshape(ends, (-1, 2, 3)), expected)
 
@@ -65,7 +65,7 @@ def test_members_end_at_their_nodes(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_fixed_nodes_are_marked(name):
     model = scene(name)
-    marks = [points_of(line, model)[0] for line in lines(drawn(model), plots.SUPPORT)]
+    marks = [points_of(line, model)[0] for line in lines(drawn(model), drawing.SUPPORT)]
     np.testing.assert_allclose(marks, model.nodes[model.fixed])
 
 
@@ -82,10 +82,10 @@ def test_all_axes_have_one_scale(name):
 
 
 def test_the_nearer_bar_covers_the_farther_one():
-    drawing = drawn(scene("three_bar"))
-    eye = drawing._eye()
-    bars = lines(drawing, plots.BAR)
-    nearness = [points_of(line, drawing.model).mean(axis=0) @ eye for line in bars]
+    made = drawn(scene("three_bar"))
+    eye = drawing._eye(made.axes)
+    bars = lines(made, drawing.BAR)
+    nearness = [points_of(line, made.model).mean(axis=0) @ eye for line in bars]
     order = [line.get_zorder() for line in bars]
     assert np.array_equal(np.argsort(nearness), np.argsort(order))
 
@@ -93,17 +93,17 @@ def test_the_nearer_bar_covers_the_farther_one():
 def test_slack_strings_are_dashed():
     model = scene("three_bar")
     slack = np.array([True, False, False, True, False, False])
-    dashed = [line.get_linestyle() == "--" for line in lines(drawn(model, slack=slack), plots.STRING)]
+    dashed = [line.get_linestyle() == "--" for line in lines(drawn(model, slack=slack), drawing.STRING)]
     assert dashed == slack.tolist()
     squeezed = model.nodes * [0.5, 0.5, 1.0]  # every string is shorter than its rest length
-    assert len(lines(drawn(model, squeezed), plots.STRING, "--")) == 6
+    assert len(lines(drawn(model, squeezed), drawing.STRING, "--")) == 6
 
 
 def test_beads_count_the_beams_that_snapped():
     model = scene("three_bar_nsh")
-    drawing = drawn(model, snapped=np.array([0, 1, 4]))
-    filled = [len(points_of(full, model)) for _, full in drawing._beads]
-    empty = [len(points_of(hollow, model)) for hollow, _ in drawing._beads]
+    made = drawn(model, snapped=np.array([0, 1, 4]))
+    filled = [len(points_of(full, model)) for _, full in made._beads]
+    empty = [len(points_of(hollow, model)) for hollow, _ in made._beads]
     assert filled == [0, 1, 4] and empty == [4, 3, 0]
 
 
@@ -112,11 +112,11 @@ def test_the_zigzag_takes_up_the_elongation():
     s = model.nsh_strings[0]
     ends = model.nodes[model.strings[s]]
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    drawing = drawn(model)
+    made = drawn(model)
 
     def ropes(ends):
         """Lengths of the straight parts at both sides of the zigzag."""
-        path, _ = drawing._zigzag(s, ends)
+        path, _ = made._zigzag(s, ends)
         return np.linalg.norm(path[1] - path[0]), np.linalg.norm(path[-1] - path[-2])
 
     longer = np.array([ends[0], ends[1] + 0.05 * along])
@@ -127,7 +127,7 @@ def test_arrows_start_at_the_nodes_and_show_the_forces():
     model = scene("three_bar")
     force = np.zeros((6, 3))
     force[3] = 30.0, 0.0, 40.0
-    (arrow,) = lines(drawn(model, force=force, metres_per_newton=0.01), plots.LOAD)
+    (arrow,) = lines(drawn(model, force=force, metres_per_newton=0.01), drawing.LOAD)
     tail, tip = points_of(arrow, model)[:2]
     np.testing.assert_allclose([tail, tip], [model.nodes[3], model.nodes[3] + [0.3, 0.0, 0.4]])
 
@@ -148,13 +148,13 @@ def test_plot_shows_every_series_with_its_unit(lifted):
 def test_a_film_has_a_frame_per_sample_and_moves(lifted, tmp_path):
     model, force, result = lifted
     path = tmp_path / "film.gif"
-    plots.animate(model, result, path, frames_per_second=10, force=np.tile(force, (5, 1, 1)), pixels=160)
-    with Image.open(path) as film:
-        assert (film.size, film.n_frames, film.info["duration"], film.info["loop"]) == ((160, 160), 5, 100, 0)
+    film.animate(model, result, path, frames_per_second=10, force=np.tile(force, (5, 1, 1)), size=(160, 120))
+    with Image.open(path) as shown:
+        assert (shown.size, shown.n_frames, shown.info["duration"], shown.info["loop"]) == ((160, 120), 5, 100, 0)
         frames = []
         for k in range(5):
-            film.seek(k)
-            frames.append(np.asarray(film.convert("RGB"), dtype=int))
+            shown.seek(k)
+            frames.append(np.asarray(shown.convert("RGB"), dtype=int))
     assert all(np.any(a != b) for a, b in pairwise(frames))
     assert frames[0][2, 2].tolist() == [255, 255, 255]
     dark = frames[0].sum(axis=2) < 200
@@ -165,7 +165,7 @@ def test_a_film_has_a_frame_per_sample_and_moves(lifted, tmp_path):
 def test_a_film_is_the_same_each_time(lifted, tmp_path):
     model, _, result = lifted
     for name in ("a.gif", "b.gif"):
-        plots.animate(model, result, tmp_path / name, pixels=100)
+        film.animate(model, result, tmp_path / name, size=(100, 100))
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
 
 
@@ -177,11 +177,11 @@ def test_a_film_that_fails_leaves_nothing(tmp_path):
         raise RuntimeError("no frame")
 
     with pytest.raises(RuntimeError, match="no frame"):
-        plots.write_frames(figure, tmp_path / "old.gif", 3, fail, 20)
+        film.write_frames(figure, tmp_path / "old.gif", 3, fail, 20)
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("old.gif", b"old")]
 
 
 def test_a_film_needs_the_right_suffix(lifted, tmp_path):
     model, _, result = lifted
     with pytest.raises(InputError, match="does not end in .gif"):
-        plots.animate(model, result, tmp_path / "film.mp4")
+        film.animate(model, result, tmp_path / "film.mp4")

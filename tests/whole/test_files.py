@@ -21,7 +21,8 @@ from tensegrity_core.files import replacing, replacing_folder, replacing_text, s
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
 from tensegrity_core.output.export import write_columns, write_result
-from tensegrity_core.output.plots import new_figure, write_figure, write_frames
+from tensegrity_core.output.film import write_frames
+from tensegrity_core.output.plots import new_figure, write_figure
 from tests.support import scene
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,7 +17,8 @@ from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.errors import InputError, SceneError, TensegrityError
 from tensegrity_core.kernel import Kernel, simulate
 from tensegrity_core.model import grid, held
-from tensegrity_core.output.plots import draw, new_axes, new_figure
+from tensegrity_core.output.drawing import draw, new_axes
+from tensegrity_core.output.plots import new_figure
 from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import build_model
 from tests.scene.test_scene import write
