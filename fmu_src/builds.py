@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,10 @@ from tensegrity_core.errors import InputError, TensegrityError, shown
 from tensegrity_core.files import write_bytes
 from tensegrity_core.model import Model
 from tensegrity_core.native.build import TARGETS
+from tensegrity_core.output.page import found as page_parts
 from tensegrity_core.output.page import page, parts
+from tensegrity_core.processes import Workers
+from tensegrity_core.progress import Bar, Shares, each, expected
 from tensegrity_core.scene import Scene, load_scene
 from tensegrity_core.statics import build_model
 
@@ -67,9 +71,41 @@ class Options:
         if native and "native" not in self.runtimes:
             raise InputError(f"{', '.join(native)}: for native FMUs, which --runtime python leaves out")
 
+
+#: About how long it takes, s: to compile a library, to build what pages have in common, to pack an FMU, to run one from
+#: outside, to run the references of a scene, to write an FMU's report.
+COMPILING, PAGING, PACKING, RUNNING, REFERENCES, REPORTING = 10.0, 15.0, 0.5, 1.5, 8.0, 1.0
+#: Between two looks at how far the references have come, s.
+PAUSE = 0.1
+
+
+class Work:
+    """A build under way: how far its stages have come, and what is said meanwhile, out of the bar's way."""
+
+    def __init__(self, options: Options, bar: Bar, scenes: int):
+        self.options, self.bar = options, bar
+        shares, fmus, validated = Shares(bar), scenes * len(options.runtimes), float(options.validate)
+        self.compiling = shares.share(len(options.platforms) * len(options.runtimes) * COMPILING)
+        self.paging = shares.share(PAGING if options.page and page_parts() is None else 0.0)
+        self.packing = shares.share(fmus * PACKING)
+        self.running = shares.share(fmus * RUNNING * validated)
+        self.integrating = shares.share(scenes * REFERENCES * validated)
+        self.reporting = shares.share(fmus * REPORTING * validated)
+
     def say(self, text: str) -> None:
         """A line for whoever waits, at once, wherever it goes."""
-        print(text, file=sys.stderr if self.json else sys.stdout, flush=True)
+        with self.bar.aside():
+            print(text, file=sys.stderr if self.options.json else sys.stdout, flush=True)
+
+    def tell(self, text: str) -> None:
+        """What was asked for."""
+        self.bar.end()
+        print(text)
+
+    def fail(self, name: str, reason: object) -> int:
+        with self.bar.aside():
+            print(f"FAILED {name}: {reason}", file=sys.stderr, flush=True)
+        return 1
 
 
 def platforms(text: str) -> tuple[str, ...]:
@@ -86,44 +122,57 @@ def platforms(text: str) -> tuple[str, ...]:
 def make(options: Options) -> int:
     """Build and validate.  Returns the exit code: 0; 1 where a bound was passed or a validation failed; 2 where nothing
     could be built."""
-    built: dict[tuple[str, str], Path] = {}
-    try:
-        here()
-        models = unique([load_scene(scene) for scene in options.scenes])
-        apart = take_apart(models) if options.apart else {}
-        make_folder(options.output)
-        compile_first(options)
-        pages = live_pages(models, options)
-        for model in apart.values():
-            for runtime in options.runtimes:
-                options.say(f"wrote {pack(model, runtime, options)}")
-        for name, model in models.items():
-            for runtime in options.runtimes:
-                built[name, runtime] = pack(model, runtime, options, pages.get(name))
-                options.say(f"wrote {built[name, runtime]}")
-            if options.cross_check:
-                place = write_cross_check(
-                    model, options.cross_check, options.naming, options.cache, **contents(options, pages.get(name))
-                )
-                options.say(f"wrote {place}")
-    except (TensegrityError, OSError) as error:
-        print(f"error: {shown(str(error))}", file=sys.stderr)
-        return 2
-    return validate(models, built, options, pages) if options.validate else 0
+    with Bar("building") as bar:
+        try:
+            here()
+            models = unique([load_scene(scene) for scene in options.scenes])
+            work = Work(options, bar, len(models))
+            pages = live_pages(models, work)
+            built = pack_all(models, pages, work)
+        except (TensegrityError, OSError) as error:
+            with bar.aside():
+                print(f"error: {shown(str(error))}", file=sys.stderr)
+            return 2
+        return validate(models, built, pages, work) if options.validate else 0
 
 
 def built(options: Options) -> dict[str, Path]:
     """The FMUs of one scene by their runtimes, for scripts.  Raises TensegrityError, also where a bound was passed."""
     (model,) = unique([load_scene(scene) for scene in options.scenes]).values()
+    with Bar("building") as bar:
+        work = Work(options, bar, 1)
+        make_folder(options.output)
+        compile_first(work)
+        pages = live_pages({model.name: model}, work)
+        found = {runtime: pack(model, runtime, options, pages.get(model.name)) for runtime in options.runtimes}
+        named = {(model.name, runtime): path for runtime, path in found.items()}
+        if options.validate and validate({model.name: model}, named, pages, work):
+            raise TensegrityError(
+                f"{model.name}: the validation failed; what passed its bound stands in the reports beside the FMUs"
+            )
+    return found
+
+
+def pack_all(models: dict[str, Model], pages: dict[str, bytes], work: Work) -> dict[tuple[str, str], Path]:
+    """FMUs by scene and runtime; those of actuators and cross-check bundles are written, too.  Raises TensegrityError."""
+    options = work.options
+    apart = take_apart(models) if options.apart else {}
     make_folder(options.output)
-    compile_first(options)
-    pages = live_pages({model.name: model}, options)
-    found = {runtime: pack(model, runtime, options, pages.get(model.name)) for runtime in options.runtimes}
-    named = {(model.name, runtime): path for runtime, path in found.items()}
-    if options.validate and validate({model.name: model}, named, options, pages):
-        raise TensegrityError(
-            f"{model.name}: the validation failed; what passed its bound stands in the reports beside the FMUs"
-        )
+    compile_first(work)
+    for model in apart.values():
+        for runtime in options.runtimes:
+            work.say(f"wrote {pack(model, runtime, options)}")
+    found = {}
+    for (name, model), told in each(tuple(models.items()), work.packing):
+        work.bar.what = f"packing {name}"
+        for runtime in options.runtimes:
+            found[name, runtime] = pack(model, runtime, options, pages.get(name))
+            work.say(f"wrote {found[name, runtime]}")
+        if options.cross_check:
+            place = write_cross_check(
+                model, options.cross_check, options.naming, options.cache, told, **contents(options, pages.get(name))
+            )
+            work.say(f"wrote {place}")
     return found
 
 
@@ -136,22 +185,25 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"--output {folder}: no such folder can be made: {reason}; name another one") from failure
 
 
-def compile_first(options: Options) -> None:
+def compile_first(work: Work) -> None:
     """Compile the libraries for other platforms, which takes long, and say so.  Raises TensegrityError."""
     kinds = {"native": ["native"], "python": ["python", "kernel"]}
-    for kind in [kind for runtime in options.runtimes for kind in kinds[runtime]]:
-        for name in options.platforms:
-            cross_compiled(name, options.say, kind)
+    libraries = [(kind, name) for r in work.options.runtimes for kind in kinds[r] for name in work.options.platforms]
+    for (kind, name), told in each(libraries, work.compiling):
+        work.bar.what = f"compiling for {name}"
+        with expected(COMPILING, told):
+            cross_compiled(name, work.say, kind)
 
 
-def live_pages(models: dict[str, Model], options: Options) -> dict[str, bytes]:
+def live_pages(models: dict[str, Model], work: Work) -> dict[str, bytes]:
     """The page in which a scene runs, by its name.  None where it is not wanted or cannot be made here, which is said once."""
-    if not options.page:
+    if not work.options.page:
         return {}
+    work.bar.what = "building the page"
     try:
-        common = parts(options.say)
+        common = parts(work.say, work.paging)
     except TensegrityError as lacking:
-        Notes(f"FMUs and reports come without the page in which the scene moves: {lacking}")
+        Notes(work).add(f"FMUs and reports come without the page in which the scene moves: {lacking}")
         return {}
     return {name: page(model, common=common).encode() for name, model in models.items()}
 
@@ -190,49 +242,91 @@ def take_apart(models: dict[str, Model]) -> dict[str, Model]:
     return found
 
 
-def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], options: Options, pages: dict[str, bytes]) -> int:
+def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages: dict[str, bytes], work: Work) -> int:
     """Validate all FMUs, the reference runs of all of them side by side; prints the table, writes the reports.
 
     pages: see live_pages; each is written beside the reports of its scene.
     """
-    told = Notes(trouble(options.cache))
+    options, told = work.options, Notes(work)
+    told.add(*filter(None, [trouble(options.cache)]))
+    work.bar.what = "choosing inputs"
     runs = {name: runs_of(model, options.thorough) for name, model in models.items()}
     outside, status = {}, 0
-    for (name, runtime), path in built.items():
-        options.say(f"  {name}, {runtime}: running from outside under {len(runs[name])} inputs")
+    for ((name, runtime), path), _ in each(tuple(built.items()), work.running):
+        work.bar.what = f"running {name}, {runtime}"
         try:
             outside[name, runtime] = run_outside(path, models[name], options.naming, repeated(runs[name]))
         except TensegrityError as error:
-            status = fail(f"{name}, {runtime}", error)
+            status = work.fail(f"{name}, {runtime}", error)
     with workers() as executor:
-        started = {name: submit(executor, runs[name], options.cache) for name in dict.fromkeys(name for name, _ in outside)}
+        references = References(executor, work, {name: runs[name] for name in dict.fromkeys(name for name, _ in outside)})
         table, found = [HEAD], []
-        files: dict[Path, None] = {}
-        beside = {name: write_live(options.output, name, pages[name]) for name in started if name in pages}
-        for (name, runtime), results in outside.items():
+        files: dict[Path, str] = {}
+        beside = {name: write_live(options.output, name, pages[name]) for name in references.started if name in pages}
+        for ((name, runtime), results), _ in each(tuple(outside.items()), work.reporting):
+            work.bar.what = f"integrating the reference of {name}"
             try:
                 validation = finish(
-                    models[name], runtime, runs[name], results, started[name], executor, options.cache, options.say
+                    models[name],
+                    runtime,
+                    runs[name],
+                    results,
+                    references.started[name],
+                    executor,
+                    options.cache,
+                    work.say,
+                    references.wait,
                 )
             except TensegrityError as error:
-                status = fail(f"{name}, {runtime}", error)
+                status = work.fail(f"{name}, {runtime}", error)
                 continue
             report = built[name, runtime].with_suffix(".html")
             live = beside.get(name)
             write_report(validation, report, live)
-            files |= dict.fromkeys((report, live) if live else (report,))
+            files[report] = f"report of {name}, {runtime}"
             table.append(row(validation))
-            found.append(data(validation, built[name, runtime], report))
-            for future in started[name]:
+            found.append(data(validation, built[name, runtime], report, live))
+            for future in references.started[name]:
                 told.add(*future.result().notes)
             for failure in validation.failures:
-                status = fail(f"{name}, {runtime}", f"{failure}; see {report}")
-        if options.json:
-            print(json.dumps(found, indent=2, allow_nan=False))
-        else:
-            options.say("\n".join(table))
-            options.say(f"reports: {', '.join(map(str, files))}" if files else "no report")
+                status = work.fail(f"{name}, {runtime}", f"{failure}; see {report}")
+    work.tell(
+        json.dumps(found, indent=2, allow_nan=False)
+        if options.json
+        else "\n".join([*table, *shown_files(files | {live: f"{name}, in motion" for name, live in beside.items()})])
+    )
     return status
+
+
+class References:
+    """The reference runs of some scenes, side by side: started by scene, and waited for."""
+
+    def __init__(self, executor: Workers, work: Work, runs: dict[str, list[Scenario]]):
+        self.work, self.parts = work, executor.parts
+        self.started: dict[str, list[Future]] = {}
+        for name, some in runs.items():
+            self.started[name] = submit(executor, some, work.options.cache, len(self.all))
+
+    @property
+    def all(self) -> list[Future]:
+        return [future for some in self.started.values() for future in some]
+
+    def wait(self, future: Future) -> None:
+        """Until one is done, and show meanwhile how far all have come."""
+        while not future.done():
+            wait([future], PAUSE)
+            every = self.all
+            self.work.integrating(sum(1.0 if one.done() else self.parts[i] for i, one in enumerate(every)) / len(every))
+
+
+def shown_files(files: dict[Path, str]) -> list[str]:
+    """Lines that say where reports and pages are, by what they are, and how to look at one."""
+    if not files:
+        return ["no report"]
+    wide = max(map(len, files.values()))
+    lines = [f"  {what:<{wide}}  {path}" for path, what in files.items()]
+    last = next(reversed(files)).resolve().as_uri()
+    return ["to be opened in a browser:", *lines, f"such as {last}"]
 
 
 def write_live(folder: Path, name: str, content: bytes) -> Path:
@@ -250,20 +344,15 @@ def runs_of(model: Model, thorough: bool) -> list[Scenario]:
 class Notes:
     """Says each thing once, on stderr."""
 
-    def __init__(self, *first: str | None):
-        self._said: set[str] = set()
-        self.add(*(text for text in first if text))
+    def __init__(self, work: Work):
+        self._work, self._said = work, set()  # type: ignore[var-annotated]
 
     def add(self, *texts: str) -> None:
         for text in texts:
             if text not in self._said:
                 self._said.add(text)
-                print(f"note: {text}", file=sys.stderr, flush=True)
-
-
-def fail(name: str, reason: object) -> int:
-    print(f"FAILED {name}: {reason}", file=sys.stderr, flush=True)
-    return 1
+                with self._work.bar.aside():
+                    print(f"note: {text}", file=sys.stderr, flush=True)
 
 
 HEAD = f"{'scene':<16}{'runtime':<9}{'position error':>15}{'force error':>13}{'step':>11}{'real time':>11}"
@@ -283,13 +372,14 @@ def remark(validation: Validation) -> str:
     return f"  {'; '.join(cut)}, as far as {'its' if len(cut) == 1 else 'their'} sensitivity allows" if cut else ""
 
 
-def data(validation: Validation, fmu: Path, report: Path) -> dict[str, Any]:
+def data(validation: Validation, fmu: Path, report: Path, page: Path | None) -> dict[str, Any]:
     """The same, as JSON takes it: m, N, s."""
     return {
         "scene": validation.model.name,
         "runtime": validation.runtime,
         "fmu": str(fmu),
         "report": str(report),
+        "page": str(page) if page else None,
         "position_error": validation.position,
         "force_error": validation.force,
         "seconds_per_step": validation.seconds,

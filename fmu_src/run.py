@@ -10,6 +10,7 @@ import typer
 from tensegrity_core.commands.options import Debug, Duration, InputFile, Json, SampleStep, SeriesFile
 from tensegrity_core.commands.program import tell
 from tensegrity_core.errors import InputError
+from tensegrity_core.progress import Told
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,11 +33,13 @@ def run(
     from tensegrity_core.commands.words import sample_times
     from tensegrity_core.output import series
     from tensegrity_core.output.export import require_writable
+    from tensegrity_core.progress import Bar
 
     path = require_writable(output, tuple(series.WRITERS)) if output else None
-    data = simulate(fmu, inputs, sample_times(duration, step), set_ or [])
-    if path:
-        series.write(data, path)
+    with Bar(f"running {fmu.name}") as bar:
+        data = simulate(fmu, inputs, sample_times(duration, step), set_ or [], bar)
+        if path:
+            series.write(data, path)
     last = {str(name): values.values[-1].item() for name, values in data.items()}
     found = {"fmu": str(fmu), "time": float(data["time"][-1]), "outputs": last}
     rows = [f"    {name}: {value:z.6g} {data[name].attrs.get('units', '')}".rstrip() for name, value in last.items()]
@@ -46,8 +49,8 @@ def run(
     tell(found if json else text, path)
 
 
-def simulate(fmu: Path, inputs: str | None, times: np.ndarray, starts: list[str]) -> xr.Dataset:
-    """All outputs at the communication points, s.  Raises InputError."""
+def simulate(fmu: Path, inputs: str | None, times: np.ndarray, starts: list[str], told: Told | None = None) -> xr.Dataset:
+    """All outputs at the communication points, s.  told: of the steps.  Raises InputError."""
     import fmpy
     import numpy as np
     import xarray as xr
@@ -69,11 +72,11 @@ def simulate(fmu: Path, inputs: str | None, times: np.ndarray, starts: list[str]
         instance = None
         try:
             instance = outside.Instance(description, place, "run", logging=True, categories=outside.CATEGORIES[1:])
-            rows, outputs, _ = outside.run(instance, times, values, names, parameters)
+            rows, outputs, _ = outside.run(instance, times, values, names, parameters, told)
             instance.close()
         except Exception as failure:
-            told = [text for status, _, text in (instance.messages if instance else ()) if status]
-            raise InputError(f"{fmu} refuses the run: {told[-1] if told else str(failure).rstrip('.')}") from failure
+            said = [text for status, _, text in (instance.messages if instance else ()) if status]
+            raise InputError(f"{fmu} refuses the run: {said[-1] if said else str(failure).rstrip('.')}") from failure
     found = {name: ("time", column, _told(instance.by_name[name])) for name, column in zip(outputs, rows.T)}
     known = {"model": description.modelName, "fmu": fmu.name, "generation_tool": description.generationTool or ""}
     return xr.Dataset(found, {"time": ("time", np.array(times), {"units": "s"})}, known)

@@ -19,6 +19,10 @@ from .interrupts import TERMINAL, held_back
 
 #: Windows waits for no more processes than this.
 MOST = 61
+#: Places in which tasks can tell how far they have come.
+PLACES = 4096
+#: In a worker: those places, once it has been attached.
+_told: list = []
 
 
 class Workers(ProcessPoolExecutor):
@@ -29,9 +33,12 @@ class Workers(ProcessPoolExecutor):
     def __init__(self, count: int | None = None):
         context = multiprocessing.get_context("spawn")
         self._pipe, self._lifeline = context.Pipe(duplex=False)
+        self.parts = context.RawArray("d", PLACES)  # by place, see `tell`
         self._started: list[multiprocessing.process.BaseProcess] = []
         with held_back(TERMINAL):  # it starts a process that looks after semaphores
-            super().__init__(min(count or os.cpu_count() or 1, MOST), context, initializer=_attach, initargs=(self._pipe,))
+            super().__init__(
+                min(count or os.cpu_count() or 1, MOST), context, initializer=_attach, initargs=(self._pipe, self.parts)
+            )
 
     def submit(self, *task, **options) -> Future:
         """See concurrent.futures.Executor.submit; starts a process where all are busy."""
@@ -78,8 +85,15 @@ def run(command: list[str], folder: Path | None = None, timeout: float | None = 
         os.close(writing)
 
 
-def _attach(pipe: Connection) -> None:
+def tell(place: int, part: float) -> None:
+    """In a worker: how far a task has come, from 0 to 1, for whoever looks at `Workers.parts`."""
+    for parts in _told:
+        parts[place % PLACES] = part
+
+
+def _attach(pipe: Connection, parts) -> None:
     """In a worker, first of all."""
+    _told.append(parts)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it could not be held back
     threading.Thread(target=_end_with, args=(pipe,), daemon=True).start()
 

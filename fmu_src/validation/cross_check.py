@@ -18,6 +18,7 @@ from tensegrity_core.fields import outputs
 from tensegrity_core.files import replacing_folder, write_text
 from tensegrity_core.model import Model, Result
 from tensegrity_core.model.components import flattened
+from tensegrity_core.progress import Told
 
 from ..packing.libraries import here
 from ..packing.native_fmu import pack_native_fmu
@@ -45,16 +46,18 @@ Inputs change at communication points only: use the step of the options file.
 """
 
 
-def write_cross_check(model: Model, folder: Path, naming: str = "structured", cache: Path | None = None, **contents) -> Path:
+def write_cross_check(
+    model: Model, folder: Path, naming: str = "structured", cache: Path | None = None, told: Told | None = None, **contents
+) -> Path:
     """Write folder/fmus/2.0/cs/PLATFORM/TOOL/VERSION/NAME with the five files; returns it.
 
-    naming, contents: of the FMU, see native_fmu.Contents; cache: of reference runs.  Takes the reference's time for 2 s of
-    motion.  Raises TensegrityError where the reference cannot go on or the FMU cannot be packed.
+    naming, contents: of the FMU, see native_fmu.Contents; cache: of reference runs; told: of the reference.  Takes the
+    reference's time for 2 s of motion.  Raises TensegrityError where the reference cannot go on or the FMU cannot be packed.
     """
     place = folder / "fmus" / "2.0" / "cs" / here() / TOOL / tensegrity_core.__version__ / model.name
     run = next(run for run in scenarios(model, DURATION, STEP) if run.name == "square_wave_1d")
     key = reference_key(run.model, run.inputs, SETTINGS)
-    result, _ = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **SETTINGS))
+    result, _ = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **SETTINGS, told=told))
     table = variables(model, naming)
     table = plain(table) if contents.get("simple") else table
     texts = {

@@ -15,6 +15,7 @@ import sys
 import time
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -214,20 +215,24 @@ def reference_settings(run: Scenario, again: bool = False) -> dict:
     return {**(TIGHTER if again else SETTINGS), "method": run.method}
 
 
-def reference_run(run: Scenario, cache: Path | None, again: bool = False) -> Reference:
-    """In a worker: the reference under a scenario, and the scenario's spreads, in which the FMU under test has no part."""
+def reference_run(run: Scenario, cache: Path | None, again: bool = False, place: int = 0) -> Reference:
+    """In a worker: the reference under a scenario, and the scenario's spreads, in which the FMU under test has no part.
+
+    place: where it tells how far it has come, see processes.tell.
+    """
     began = time.process_time()
     notes: list[str] = []
     settings = reference_settings(run, again)
     key = reference_key(run.model, run.inputs, settings)
-    result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings), notes.append)
+    told = partial(processes.tell, place)
+    result, found = cached(cache, key, lambda: reference.simulate(run.model, run.inputs, **settings, told=told), notes.append)
     return Reference(result, found, spreads(run.model, run.inputs, START_ERROR), tuple(notes), time.process_time() - began)
 
 
-def submit(executor: Executor, runs: list[Scenario], cache: Path | None) -> list[Future]:
-    """Start the reference runs of some scenarios, the long ones first."""
+def submit(executor: Executor, runs: list[Scenario], cache: Path | None, first: int = 0) -> list[Future]:
+    """Start the reference runs of some scenarios, the long ones first.  first: the first of their places, see reference_run."""
     order = sorted(range(len(runs)), key=lambda i: -float(np.max(runs[i].model.damping, initial=0.0)))
-    started = {i: executor.submit(reference_run, runs[i], cache) for i in order}
+    started = {i: executor.submit(reference_run, runs[i], cache, place=first + i) for i in order}
     return [started[i] for i in range(len(runs))]
 
 
@@ -240,20 +245,23 @@ def finish(
     executor: Executor,
     cache: Path | None,
     say=lambda text: None,
+    waits=lambda future: None,
 ) -> Validation:
     """Wait for the reference runs and compare; where that fails, once more with a tighter reference.
 
     outside: what run_outside returned for `repeated` runs; executor, cache: as for `submit`; say: gets a line of progress per
-    scenario.  Raises ValidationError where the reference cannot go on.
+    scenario; waits: called with each future before its result is asked for.  Raises ValidationError where the reference cannot
+    go on.
     """
     done, found = [], [outside[i :: len(runs)] for i in range(len(runs))]
     for run, one, future in zip(runs, found, references, strict=True):
+        waits(future)
         try:
             done.append(judged(run, one, future))
         except TensegrityError as error:
             raise ValidationError(f"{model.name}, {run.title}: {error}") from error
         say(progress(model, runtime, run, done[-1], future.result(), f"{len(done)} of {len(runs)}"))
-    return Validation(model, runtime, tuple(judge_again(done, found, executor, cache)))
+    return Validation(model, runtime, tuple(judge_again(done, found, executor, cache, waits)))
 
 
 def progress(model: Model, runtime: str, run: Scenario, judged: Run, found: Reference, counted: str) -> str:
@@ -279,7 +287,7 @@ def judged(run: Scenario, found: list, future: Future, again: bool = False) -> R
     return Run(run, right.result, fmu, own, best, seconds, right.cached, again)
 
 
-def judge_again(done: list[Run], found: list, executor: Executor, cache: Path | None) -> list[Run]:
+def judge_again(done: list[Run], found: list, executor: Executor, cache: Path | None, waits) -> list[Run]:
     """The same runs, where they failed compared with a tighter reference, whose own error cannot be what passed a bound.
 
     A tighter reference that cannot go on clears nobody: then the failed comparison stays.
@@ -287,6 +295,7 @@ def judge_again(done: list[Run], found: list, executor: Executor, cache: Path | 
     failed = [i for i, run in enumerate(done) if run.failures]
     again = {i: executor.submit(reference_run, done[i].scenario, cache, True) for i in failed}
     for i, future in again.items():
+        waits(future)
         with contextlib.suppress(TensegrityError):
             done[i] = judged(done[i].scenario, found[i], future, again=True)
     return done

@@ -6,8 +6,10 @@ NAME has plain strings, NAME_nsh the article's NSH.  What the article leaves ope
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from ..kernel.peaks import largest
 from ..laws import law
 from ..laws.beam import beam_extrema, beam_force
 from ..model import NSH, Inputs, Model, Result, grid, held
+from ..progress import Told, each, nobody
 from ..scene import load_scene
 from ..statics import build_model
 from . import one_dimensional
@@ -100,15 +103,20 @@ class SteadyHeights:
 
 
 def steady_heights(
-    model: Model, forces: Sequence[float], duration: float = LIFT_DURATION, tolerance: float = 1e-10
+    model: Model,
+    forces: Sequence[float],
+    duration: float = LIFT_DURATION,
+    tolerance: float = 1e-10,
+    told: Told = nobody,
 ) -> SteadyHeights:
-    """Heights of the top nodes after `duration` (s) under an upward force on each of them, for each of `forces` (N).
+    """Heights of the top nodes after `duration` (s) under an upward force on each of them, for each of `forces` (N); told: the
+    part that is done, 0 to 1.
 
     Every lift is a run of its own, from the model's start, as in the article: so several beams may snap on the way, and the
     motion may carry a system past an equilibrium.  Raises SimulationError where the kernel cannot go on.
     """
     top, force = top_nodes(model), np.asarray(forces, dtype=float)
-    ends = [_lifted(model, top, f, duration, tolerance) for f in force]
+    ends = [_lifted(model, top, f, duration, tolerance) for f, _ in each(force.tolist(), told)]
     return SteadyHeights(
         model=model,
         force=force,
@@ -143,6 +151,19 @@ class Steady:
             found[f"{name}.speed"] = run.speed
         return found
 
+    def records(self) -> list[dict[str, Any]]:
+        """The same by scene, m, N and m/s; snaps: (last lift before, first lift after, beams)."""
+        return [
+            {
+                "scene": name,
+                "lift": run.force.tolist(),
+                "height": run.height.mean(axis=1).tolist(),
+                "snaps": [(float(a), float(b), n) for a, b, n in run.snaps()],
+                "fastest_at_the_end": float(run.speed.max()),
+            }
+            for name, run in self.runs.items()
+        ]
+
     def summary(self) -> str:
         rows = [["scene", "z of the top nodes", "range", "snaps between", "fastest at the end"]]
         for name, run in self.runs.items():
@@ -153,10 +174,15 @@ class Steady:
         return _table(rows)
 
 
-def experiment_1(systems: Sequence[str] = SYSTEMS, duration: float = LIFT_DURATION, forces: Sequence[float] = LIFTS) -> Steady:
+def experiment_1(
+    systems: Sequence[str] = SYSTEMS,
+    duration: float = LIFT_DURATION,
+    forces: Sequence[float] = LIFTS,
+    told: Told = nobody,
+) -> Steady:
     """I: every top node is lifted by a constant force; the height at which the system comes to rest."""
     names = [name + kind for name in systems for kind in KINDS]
-    return Steady({name: steady_heights(system(name), forces, duration) for name in names})
+    return Steady({name: steady_heights(system(name), forces, duration, told=one) for name, one in each(names, told)})
 
 
 # --- II: square wave ---------------------------------------------------------------------------------------------
@@ -231,6 +257,21 @@ class Wave:
             found[f"{prefix}.{self.string}.elastic_force"] = self.string_force(name, damping)
         return found
 
+    def records(self) -> list[dict[str, Any]]:
+        """The same by run, N s/m, m and N."""
+        return [
+            {
+                "scene": name,
+                "damping": damping,
+                "node": self.node,
+                "largest_way": found.way,
+                "swing": found.swing.tolist(),
+                "string": self.string,
+                "largest_force": found.force,
+            }
+            for (name, damping), found in self.peaks.items()
+        ]
+
     def summary(self) -> str:
         node, string = self.node, self.string
         rows = [["scene", "d", f"largest way of {node}", "swing in x, y, z, last period", f"largest force of {string}"]]
@@ -241,21 +282,25 @@ class Wave:
         return _table(rows)
 
 
-def experiment_2(duration: float = WAVE_DURATION, dampings: Sequence[float] = DAMPINGS) -> Wave:
+def experiment_2(duration: float = WAVE_DURATION, dampings: Sequence[float] = DAMPINGS, told: Told = nobody) -> Wave:
     """II: the three-bar system under a square wave on n4, at three dampings of all strings, without and with NSH."""
     runs, peaks = {}, {}
-    for damping in dampings:
-        for kind in KINDS:
-            model = system("three_bar" + kind)
-            model = damped(model, damping)
-            inputs = wave_inputs(model, duration=duration)
-            runs[model.name, damping] = simulate(model, inputs)
-            peaks[model.name, damping] = wave_peaks(model, inputs, Wave.node, [Wave.string])
+    for (damping, kind), one in each(list(itertools.product(dampings, KINDS)), told):
+        model = damped(system("three_bar" + kind), damping)
+        inputs = wave_inputs(model, duration=duration)
+        runs[model.name, damping] = simulate(model, inputs)
+        peaks[model.name, damping] = wave_peaks(model, inputs, Wave.node, [Wave.string], told=one)
     return Wave(runs, peaks, model)
 
 
 def wave_peaks(
-    model: Model, inputs: Inputs, node: str, strings: Sequence[str], drawn: float = np.inf, last: float = PERIOD
+    model: Model,
+    inputs: Inputs,
+    node: str,
+    strings: Sequence[str],
+    drawn: float = np.inf,
+    last: float = PERIOD,
+    told: Told = nobody,
 ) -> WavePeaks:
     """Of a run; drawn: s, until which way and force are taken; last: s, over which the swing is."""
     place, chosen = model.node_names.index(node), [model.string_names.index(name) for name in strings]
@@ -268,7 +313,7 @@ def wave_peaks(
         late = np.hstack((moved, -moved))
         return np.hstack([np.where(at[:, None], x, x[at].min(axis=0)) for at, x in ((until, early), (since, late))])
 
-    way, force, *ends = largest(model, inputs, watched)
+    way, force, *ends = largest(model, inputs, watched, told)
     return WavePeaks(float(way), float(force), np.add(ends[:3], ends[3:]))
 
 
@@ -290,7 +335,7 @@ def sine_inputs(model: Model, duration: float = SINE_DURATION) -> Inputs:
     return held(model, grid(duration, STEP), rest_length=rest_length)
 
 
-def sine_peaks(model: Model, inputs: Inputs) -> tuple[float, np.ndarray]:
+def sine_peaks(model: Model, inputs: Inputs, told: Told = nobody) -> tuple[float, np.ndarray]:
     """m, of the last node from 2 s on, also between the communication points: its largest way, and by axis (axes,) its
     swing."""
 
@@ -300,7 +345,7 @@ def sine_peaks(model: Model, inputs: Inputs) -> tuple[float, np.ndarray]:
         since = result.times >= SINE_START - 1e-9
         return np.where(since[:, None], found, found[since].min(axis=0))
 
-    way, *ends = largest(model, inputs, watched)
+    way, *ends = largest(model, inputs, watched, told)
     return float(way), np.add(ends[: len(model.axes)], ends[len(model.axes) :])
 
 
@@ -333,6 +378,15 @@ class Actuation:
             found |= {f"{name}.{model.node_names[-1]}.d{a}": x for a, x in zip(axes, self.displacement(name).T)}
         return found
 
+    def records(self) -> list[dict[str, Any]]:
+        """The same by scene, m."""
+        found = []
+        for name, (model, _) in self.runs.items():
+            way, swings = self.peaks[name]
+            swing = {"xyz"[axis]: float(swing) for axis, swing in zip(model.axes, swings)}
+            found.append({"scene": name, "node": model.node_names[-1], "largest_way": way, "swing": swing})
+        return found
+
     def summary(self) -> str:
         rows = [["scene", "node", "largest way", "swing by axis"]]
         for name, (model, _) in self.runs.items():
@@ -342,14 +396,17 @@ class Actuation:
         return _table(rows)
 
 
-def experiment_3(systems: Sequence[str] = SYSTEMS, duration: float = SINE_DURATION) -> Actuation:
+def experiment_3(systems: Sequence[str] = SYSTEMS, duration: float = SINE_DURATION, told: Told = nobody) -> Actuation:
     """III: the rest lengths of the top strings move as a sine from 2 s on."""
     if not duration > SINE_START:
         raise InputError(f"duration = {duration!r} s: the strings move from {SINE_START:g} s on; simulate for longer")
-    models = [system(name + kind) for name in systems for kind in KINDS]
-    inputs = {model.name: sine_inputs(model, duration) for model in models}
-    runs = {model.name: (model, simulate(model, inputs[model.name])) for model in models}
-    return Actuation(runs, {model.name: sine_peaks(model, inputs[model.name]) for model in models})
+    runs, peaks = {}, {}
+    for name, one in each([name + kind for name in systems for kind in KINDS], told):
+        model = system(name)
+        inputs = sine_inputs(model, duration)
+        runs[model.name] = model, simulate(model, inputs)
+        peaks[model.name] = sine_peaks(model, inputs, one)
+    return Actuation(runs, peaks)
 
 
 # --- IV: one dimension -------------------------------------------------------------------------------------------
@@ -385,6 +442,21 @@ class Absorption:
             values = {"x": run.position, "velocity": run.velocity, "power": run.power, "absorbed": run.absorbed}
             found |= {f"{name}.{key}": value for key, value in values.items()}
         return found
+
+    def records(self) -> list[dict[str, Any]]:
+        """The same by system, m, W and J."""
+        return [
+            {
+                "system": name,
+                "largest_x": float(run.largest_position),
+                "largest_power": float(run.largest_power),
+                "absorbed": float(run.absorbed[-1]),
+                "absorbed_by_period": self.per_period(name),
+                "x_at_the_end": float(run.position[-1]),
+                "stored_at_the_end": self.stored(name),
+            }
+            for name, run in self.runs.items()
+        ]
 
     def summary(self) -> str:
         rows = [["system", "largest x", "largest power", "absorbed energy", "by period", "at the end"]]
@@ -433,6 +505,10 @@ class Curve:
         """Elongation (m) and force (N)."""
         return {"elongation": self.elongation, "force": self.force}
 
+    def records(self) -> list[dict[str, Any]]:
+        """The marks, m and N."""
+        return [{"point": name, "elongation": float(x), "force": float(f)} for name, (x, f) in self.marks.items()]
+
     def summary(self) -> str:
         rows = [["point", "elongation", "force"]]
         return _table(rows + [[name, f"{1e2 * x:.4f} cm", f"{f:.4f} N"] for name, (x, f) in self.marks.items()])
@@ -468,8 +544,9 @@ def honeycomb_marks() -> dict[str, tuple[float, float]]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """about: one line; run(systems, duration) -> its data; duration: s, by default, or None where nothing moves in time;
-    many: whether systems can be chosen."""
+    """about: one line; run(systems, duration, told) -> its data, telling the part that is done, 0 to 1; duration: s, by
+    default, or None where nothing moves in time; many: whether systems can be chosen.
+    """
 
     about: str
     run: Callable
@@ -478,19 +555,27 @@ class Experiment:
 
 
 EXPERIMENTS = {
-    "I": Experiment("steady heights under constant lifts (figure 6)", experiment_1, LIFT_DURATION, True),
+    "I": Experiment(
+        "steady heights under constant lifts (figure 6)",
+        lambda systems, duration, told=nobody: experiment_1(systems, duration, told=told),
+        LIFT_DURATION,
+        True,
+    ),
     "II": Experiment(
         "square wave on the three-bar system (figures 7 and 8)",
-        lambda systems, duration: experiment_2(duration),
+        lambda systems, duration, told=nobody: experiment_2(duration, told=told),
         WAVE_DURATION,
         False,
     ),
     "III": Experiment("actuated top strings (figure 9)", experiment_3, SINE_DURATION, True),
     "IV": Experiment(
-        "power of a mass on a spring (figure 10)", lambda systems, duration: experiment_4(duration), PULSE_DURATION, False
+        "power of a mass on a spring (figure 10)",
+        lambda systems, duration, told=nobody: experiment_4(duration),
+        PULSE_DURATION,
+        False,
     ),
-    "beam": Experiment("force curve of a beam (figure 3)", lambda systems, duration: beam_curve(), None, False),
-    "nsh": Experiment("force curve of the honeycomb (figure 5)", lambda systems, duration: honeycomb_curve(), None, False),
+    "beam": Experiment("force curve of a beam (figure 3)", lambda *unused: beam_curve(), None, False),
+    "nsh": Experiment("force curve of the honeycomb (figure 5)", lambda *unused: honeycomb_curve(), None, False),
 }
 
 

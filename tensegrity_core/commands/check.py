@@ -9,7 +9,9 @@ from .program import tell
 def check(scene: Scene, json: Json = False, debug: Debug = False) -> None:
     """Check a scene file and summarise its structure: statics, stability, member forces and rest lengths at the start."""
     from ..output import structure_summary
+    from ..progress import Bar
     from .words import model_of
 
-    model, start = model_of(scene)
+    with Bar(f"reading {scene}") as bar:
+        model, start = model_of(scene, bar)
     tell(structure_summary.data(model, start) if json else structure_summary.summary(model, start))

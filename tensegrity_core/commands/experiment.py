@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import InputError
-from .options import Debug
+from .options import Debug, Json
+from .program import tell
 
 if TYPE_CHECKING:
     from ..article.experiments import Experiment
@@ -24,22 +25,29 @@ def experiment(
         list[str] | None,
         typer.Option(metavar="SYSTEM", help="Of I and III: which of two_bar, three_bar, six_bar (default: all)."),
     ] = None,
+    json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Run an experiment of the article, print its table, and write its figures and data."""
     from ..article.experiments import EXPERIMENTS
     from ..article.figures import write_figures
     from ..output.export import write_columns
+    from ..progress import Bar
     from .words import one_of
 
     chosen = EXPERIMENTS[one_of("NAME", name, EXPERIMENTS)]
     wanted, seconds = _systems(name, systems, chosen), _duration(name, duration, chosen)
     folder = _folder(output)
-    data = chosen.run(wanted, seconds)
+    with Bar(f"experiment {name}") as bar:
+        data = chosen.run(wanted, seconds, bar)
     table = folder / f"experiment_{name}.csv"
     columns = data.columns()
     write_columns(columns, table)
     files = [table, *write_figures(name, columns, table.with_suffix(""))]
+    if json:
+        found = {"experiment": name, "about": chosen.about, "duration": seconds, "table": data.records()}
+        tell(found, *files)
+        return
     print(f"{name}: {chosen.about}" + ("" if seconds is None else f", {seconds:g} s"))
     print(data.summary())
     print(f"  written: {', '.join(str(file) for file in files)}")

@@ -26,13 +26,17 @@ def modes(
     """Frequencies, damping and shapes of small motions about a steady state."""
     from ..equilibria import modes as linear
     from ..output import modes_table
+    from ..progress import Bar, expected
     from .words import files_of, model_of, steady
 
     table, picture = files_of(output, figure)
     if count < 1:
         raise InputError(f"--count = {count} is out of range; give a whole number from 1 on")
-    model, forces = steady(model_of(scene)[0], force or [])
-    found = linear.modes(model, forces, damped=not undamped)
+    with Bar(f"reading {scene}") as bar:
+        model, _ = model_of(scene, bar)
+        model, forces = steady(model, force or [], bar.begin("loading slowly"))
+        with expected(linear.seconds(model, damped=not undamped), bar.begin(f"modes of {model.name}")):
+            found = linear.modes(model, forces, damped=not undamped)
     if table:
         modes_table.write(table, model, found)
     if picture:

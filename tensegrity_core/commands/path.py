@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..progress import Shares, Told
 from .options import Debug, FigureFile, Json, Scene, TableFile
 from .program import tell
 
@@ -42,15 +43,21 @@ def path(
     """Follow the steady states under a slow load, through snaps and back."""
     from ..equilibria import steady_states
     from ..output import path_table
+    from ..progress import Bar, each
     from .words import files_of, loading_of, model_of, parameters_of, quantity_of
 
     table, picture = files_of(output, figure)
     parameters = parameters_of(start, to, step)
-    model, _ = model_of(scene)
-    loading = loading_of(model, force or [], rest_length or [])
-    quantity = quantity_of(model, loading, show)
-    sweeps = _sweeps(loading, parameters, back)
-    behind = [path for sweep in sweeps.values() for path in steady_states.detours(sweep)] if unstable else []
+    with Bar(f"reading {scene}") as bar:
+        model, _ = model_of(scene, bar)
+        loading = loading_of(model, force or [], rest_length or [])
+        quantity = quantity_of(model, loading, show)
+        sweeps = _sweeps(loading, parameters, back, bar.begin("following steady states"))
+        bar.begin("tracing unstable ones")
+        ends = (
+            [steady_states.detours(sweep, told=told) for sweep, told in each(tuple(sweeps.values()), bar)] if unstable else []
+        )
+        behind = [path for paths in ends for path in paths]
     if table:
         path_table.write(table, loading, sweeps, behind, by_step=step is not None)
     if picture:
@@ -62,14 +69,16 @@ def path(
     tell((path_table.data if json else path_table.summary)(model, sweeps, behind, quantity), table, picture)
 
 
-def _sweeps(loading: Loading, parameters: np.ndarray, back: bool) -> dict[str, Sweep]:
+def _sweeps(loading: Loading, parameters: np.ndarray, back: bool, told: Told) -> dict[str, Sweep]:
     """Legs by name, in order."""
     from ..equilibria import steady_states
 
+    shares, way = Shares(told), abs(parameters[-1] - parameters[0])
+    first, there, again = shares.share(abs(parameters[0])), shares.share(way), shares.share(way * back)
     nodes = None
     if parameters[0] != 0.0:
-        nodes = steady_states.load_sweep(loading, [0.0, parameters[0]]).nodes[-1]
-    found = {"there": steady_states.load_sweep(loading, parameters, nodes)}
+        nodes = steady_states.load_sweep(loading, [0.0, parameters[0]], told=first).nodes[-1]
+    found = {"there": steady_states.load_sweep(loading, parameters, nodes, told=there)}
     if back:
-        found["back"] = steady_states.load_sweep(loading, parameters[::-1], found["there"].nodes[-1])
+        found["back"] = steady_states.load_sweep(loading, parameters[::-1], found["there"].nodes[-1], told=again)
     return found

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..model import Inputs, Model, Result
+    from ..progress import Told
 
 #: Width and height of a film, pixels.
 SMALLEST, LARGEST = 100, 2000
@@ -38,18 +39,21 @@ def simulate(
     """Simulate a scene under forces and other inputs, say how it went, and write the series."""
     from ..output import run_summary
     from ..output.export import require_writable, write_result
+    from ..progress import Bar
     from .words import model_of, sample_times
 
     path = require_writable(output, (".csv", ".nc", ".parquet", ".npz")) if output else None
     times = sample_times(duration, step)
-    model, _ = model_of(scene)
-    result, _ = _run(model, times, force, method, tolerance, inputs)
-    if path and path.suffix.lower() in (".csv", ".npz"):
-        write_result(model, result, path)
-    elif path:
-        from ..output import series
+    with Bar(f"reading {scene}") as bar:
+        model, _ = model_of(scene, bar)
+        result, _ = _run(model, times, force, method, tolerance, inputs, bar.begin(f"simulating {model.name}"))
+        bar.begin(f"writing {path}")
+        if path and path.suffix.lower() in (".csv", ".npz"):
+            write_result(model, result, path, bar)
+        elif path:
+            from ..output import series
 
-        series.write(series.dataset(model, result, method=method, tolerance=tolerance), path)
+            series.write(series.dataset(model, result, method=method, tolerance=tolerance), path)
     tell(run_summary.data(model, result) if json else run_summary.end_of_run(model, result))
     if path and not json:
         print(f"  series written to {path}")
@@ -73,6 +77,7 @@ def animate(
 
     from ..output.export import require_writable
     from ..output.film import animate as write_film
+    from ..progress import Bar
     from .words import model_of, positive, sample_times
 
     path = require_writable(output, (".gif",))
@@ -80,9 +85,11 @@ def animate(
         raise InputError(f"--fps = {fps} is out of range; give a whole number from 1 to 50")
     pixels = _size(size)
     times = sample_times(duration, positive("--speed", speed) / fps)
-    model, _ = model_of(scene)
-    result, inputs = _run(model, times, force, method, tolerance)
-    write_film(model, result, path, fps, np.concatenate((inputs.force, inputs.force[-1:])), pixels, names)
+    with Bar(f"reading {scene}") as bar:
+        model, _ = model_of(scene, bar)
+        result, inputs = _run(model, times, force, method, tolerance, told=bar.begin(f"simulating {model.name}"))
+        forces = np.concatenate((inputs.force, inputs.force[-1:]))
+        write_film(model, result, path, fps, forces, pixels, names, bar.begin(f"drawing {len(times)} frames"))
     print(f"{model.name}: film of {times[-1]:g} s in {len(times)} frames written to {path}")
 
 
@@ -96,7 +103,13 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _run(
-    model: Model, times: np.ndarray, force: list[str] | None, method: str, tolerance: float, file: str | None = None
+    model: Model,
+    times: np.ndarray,
+    force: list[str] | None,
+    method: str,
+    tolerance: float,
+    file: str | None = None,
+    told: Told | None = None,
 ) -> tuple[Result, Inputs]:
     """file: of inputs; a constant force that is named on the command line, too, takes the place of the file's."""
     from .. import kernel
@@ -110,4 +123,4 @@ def _run(
 
         signals = read_inputs(file, model) | signals
     inputs = driven(model, times, signals)
-    return kernel.simulate(model, inputs, method, positive("--tolerance", tolerance)), inputs
+    return kernel.simulate(model, inputs, method, positive("--tolerance", tolerance), told=told), inputs

@@ -9,6 +9,9 @@ import typer
 
 from .options import Debug
 
+#: That a scene takes to be written, about.
+SECONDS_A_STAGE = 5e-4
+
 
 def tower(
     stages: Annotated[int, typer.Argument(metavar="STAGES", help="Number of stages, 1 to 1000.")],
@@ -28,10 +31,13 @@ def tower(
     """Write the scene file of a tower of any number of stages."""
     from ..files import write_text
     from ..output.export import require_writable
+    from ..progress import Bar, expected
     from ..scene.towers import tower_text
 
     path = require_writable(output, (".toml",)) if output else None
-    text = tower_text(stages, nsh, gravity=gravity, tension=tension, stiffness=stiffness, damping=damping, mass=mass)
+    values = {"gravity": gravity, "tension": tension, "stiffness": stiffness, "damping": damping, "mass": mass}
+    with Bar(f"a tower of {stages} stages") as bar, expected(SECONDS_A_STAGE * max(stages, 1), bar):
+        text = tower_text(stages, nsh, **values)
     if not path:
         sys.stdout.write(text)
         return

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..model import Model, Result
+    from ..progress import Bar
 
 #: Time between instants of a run that is made to be played back, s.
 STEP = 0.01
@@ -36,11 +37,14 @@ def view(
     """Write a web page in which a structure moves, and can be pulled.  It needs no network."""
     from ..output.export import require_writable
     from ..output.page import parts, write_page
+    from ..progress import Bar
 
     if output:
         require_writable(output, (".html",))
-    model, result, constant = _shown(what, live, scene, force, duration)
-    parts(print)
+    with Bar(f"reading {what}") as bar:
+        model, result, constant = _shown(what, live, scene, force, duration, bar)
+        bar.begin("building the page")
+        parts(bar.print, bar)
     name = Path(what).stem if result is not None and scene else model.name
     path = require_writable(output or f"{name}.html", (".html",))
     size = write_page(path, model, result, constant)
@@ -51,7 +55,7 @@ def view(
 
 
 def _shown(
-    what: str, live: bool | None, scene: str | None, force: list[str] | None, duration: float
+    what: str, live: bool | None, scene: str | None, force: list[str] | None, duration: float, bar: Bar
 ) -> tuple[Model, Result | None, np.ndarray | None]:
     """The model, its run where that is played back, and constant forces (N, 3) N.  Raises InputError."""
     from ..kernel import simulate
@@ -67,12 +71,15 @@ def _shown(
             raise InputError(f"{option}: {what} is a run, which is played back as it is; to let the model run, name its scene")
         if scene is None:
             raise InputError(f"{what} does not say of which structure it is; name the scene that it is a run of: --scene SCENE")
-        model, _ = model_of(scene)
+        model, _ = model_of(scene, bar)
         return model, result_of_file(Path(what), model), None
     if scene is not None:
         raise InputError(f"--scene = {scene!r}: {what} is no run, which would need one; leave it out")
     times = sample_times(duration, STEP)
-    model = model_of_fmu(Path(what)) if suffix == ".fmu" else model_of(what)[0]
+    model = model_of_fmu(Path(what)) if suffix == ".fmu" else model_of(what, bar)[0]
     constant = constant_force(model, force or [])
-    result = simulate(model, held(model, times, force=lambda t: constant)) if live is False else None
+    result = None
+    if live is False:
+        inputs = held(model, times, force=lambda t: constant)
+        result = simulate(model, inputs, told=bar.begin(f"simulating {model.name}"))
     return model, result, constant

@@ -16,19 +16,23 @@ from ..errors import InputError
 from ..model import Model, grid
 from ..output.export import require_writable
 from ..output.path_table import Quantity
+from ..progress import Told, expected
 from ..scene import builtin_scenes, is_file, load_scene
 
 MOST_STEPS = 1_000_000  # every communication point is kept in memory
 MOST_ROWS = 100_000  # states of a path
 MOST_NAMES = 24  # that a message lists
+SECONDS_A_STRING = 2e-4  # that it takes to assemble a model, about
 
 
-def model_of(name: str) -> tuple[Model, str]:
-    """The model of a scene that was named on the command line, and the scene's kind of start."""
+def model_of(name: str, told: Told | None = None) -> tuple[Model, str]:
+    """The model of a scene that was named on the command line, and the scene's kind of start.  told: how far that is, which
+    takes seconds where there are thousands of bars."""
     if not name.endswith(".toml") and name not in builtin_scenes() and is_file(Path(f"{name}.toml")):
         raise InputError(f"{name} is neither a built-in scene nor a .toml file; did you mean {name}.toml?")
     scene = load_scene(name)
-    return statics.build_model(scene), scene.start
+    with expected(SECONDS_A_STRING * len(scene.strings), told):
+        return statics.build_model(scene), scene.start
 
 
 def positive(option: str, value: float) -> float:
@@ -138,10 +142,10 @@ def rest_length_change(model: Model, texts: Sequence[str]) -> np.ndarray:
     return change
 
 
-def steady(model: Model, texts: list[str]) -> tuple[Model, np.ndarray]:
+def steady(model: Model, texts: list[str], told: Told | None = None) -> tuple[Model, np.ndarray]:
     """The model at the steady state that the forces reach slowly, and the forces (N, 3), N."""
     force = constant_force(model, texts)
-    return steady_states.reached(model, force) if force.any() else model, force
+    return steady_states.reached(model, force, told) if force.any() else model, force
 
 
 def quantity_of(model: Model, loading: Loading, text: str | None) -> Quantity:

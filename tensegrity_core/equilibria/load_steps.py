@@ -144,9 +144,9 @@ class LoadSteps:
             raise Doubt
         return self._last
 
-    def advance(self, path: Path, goal: float) -> str:
+    def advance(self, path: Path, goal: float, seen: Callable[[float], object]) -> str:
         """Add points to a path from its last one, stable and on its way to p = goal: 'to' if it gets there, 'limit' if it ends
-        at a limit point before, '' if `paths` has to go on."""
+        at a limit point before, '' if `paths` has to go on.  seen: gets the p of each point."""
         if path.points[-1] is not self._point:
             self._last = self._limit = None
         try:
@@ -155,6 +155,7 @@ class LoadSteps:
             while self._here.parameter != goal:
                 state, kind = self._next(goal)
                 self._add(path, state, kind)
+                seen(state.parameter)
                 if kind == "limit":
                     return kind
         except Doubt:

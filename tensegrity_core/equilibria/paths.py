@@ -24,6 +24,7 @@ A path is measured in metres: ds^2 = |dx|^2 + (c dp)^2 with the free nodes' coor
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -398,9 +399,16 @@ def follow(
 
 
 def follow_from(
-    equations: Equations, scale: float, first: Point, start: float, goal: float, most_points: int = MOST_POINTS, stop: str = ""
+    equations: Equations,
+    scale: float,
+    first: Point,
+    start: float,
+    goal: float,
+    most_points: int = MOST_POINTS,
+    stop: str = "",
+    seen: Callable[[float], object] | None = None,
 ) -> Path:
-    """`follow` from a point of a path, in the direction of its tangent."""
+    """`follow` from a point of a path, in the direction of its tangent.  seen: gets the p of each point."""
     follower = _Follower(equations, scale, first, LONGEST * float(equations.model.bar_length.min()))
     path, (low, high), met_unstable = follower.path, sorted((start, goal)), not first.stable
     while not path.end:
@@ -412,6 +420,8 @@ def follow_from(
                 path.end = "to" if bound == goal else "from"
                 break
             path.points.append(point)
+            if seen:
+                seen(point.parameter)
             unstable = point.kind in ("limit", "branch") or not point.stable
             met_unstable = met_unstable or unstable
             if point.kind == "loose" or stop == ("unstable" if unstable else "stable" if met_unstable else None):

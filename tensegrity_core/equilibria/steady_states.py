@@ -16,6 +16,7 @@ until what is left is a small swing.  Either takes a few seconds of simulated ti
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -67,12 +68,19 @@ class Sweep:
         return np.array([self.equations.nodes(p.free) for p in self.states])
 
 
-def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None, careful: bool = False) -> Sweep:
+def load_sweep(
+    loading: Loading,
+    parameters,
+    nodes: np.ndarray | None = None,
+    careful: bool = False,
+    told: Callable[[float], object] | None = None,
+) -> Sweep:
     """The steady states that a slow load reaches, one parameter after the other, up, down, or both in turn.
 
     nodes: (N, 3) m, beside the stable equilibrium at the first parameter; default the model's start.
     careful: follow every path along its arc, and the flow after every jump in small steps, which takes several times as long.
     Otherwise both are done where quicker means are in doubt (`load_steps`, `quick_flow`).
+    told: gets the part of the way of p that is done, 0 to 1.
     Raises InputError for bad parameters, PathError where a path cannot be followed, NoEquilibrium where the flow finds no
     minimum.
     """
@@ -89,24 +97,36 @@ def load_sweep(loading: Loading, parameters, nodes: np.ndarray | None = None, ca
         raise PathError(f"the state at p = {float(parameters[0])!r} is not stable; start from one that is")
     sweep.states.append(here)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(parameters)))) + 1
+    whole, done = float(np.abs(np.diff(parameters)).sum()), 0.0
     for first, last in zip([0, *turns], [*turns, len(parameters) - 1]):
-        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist(), steps)
+        start = float(parameters[first])
+
+        def seen(p: float, start: float = start, done: float = done) -> None:
+            if told and whole:
+                told((done + abs(p - start)) / whole)
+
+        here = _one_way(sweep, scale, here, parameters[first : last + 1].tolist(), steps, seen)
+        done += abs(float(parameters[last]) - start)
     return sweep
 
 
-def reached(model: Model, force: np.ndarray) -> Model:
+def reached(model: Model, force: np.ndarray, told: Callable[[float], object] | None = None) -> Model:
     """The model at the steady state that forces (N, 3), N, reach which grow slowly, from where it starts.
 
-    One with memories settles under them: a path would not know where they come from.  Raises TensegrityError.
+    One with memories settles under them: a path would not know where they come from.  told: see load_sweep.  Raises
+    TensegrityError.
     """
     if model.memories:
         return statics.settle(model, force)
     loading = Loading(model, force)
-    return loading.model_at(1.0, load_sweep(loading, [0.0, 1.0]).nodes[-1])
+    return loading.model_at(1.0, load_sweep(loading, [0.0, 1.0], told=told).nodes[-1])
 
 
-def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps: LoadSteps | None) -> Point:
-    """Parameters that only grow, or only fall; the first is where `here` stands; steps: None to follow carefully."""
+def _one_way(
+    sweep: Sweep, scale: float, here: Point, goals: list[float], steps: LoadSteps | None, seen: Callable[[float], object]
+) -> Point:
+    """Parameters that only grow, or only fall; the first is where `here` stands; steps: None to follow carefully; seen: gets
+    every p that is reached."""
     equations, side, done = sweep.equations, float(np.sign(goals[-1] - goals[0])), 1
     if side == 0.0:
         sweep.states += [here] * (len(goals) - 1)
@@ -116,9 +136,9 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps:
         path = Path(equations, scale, [here])
         sweep.paths.append(path)
         while not path.end and done < len(goals):
-            path.end = steps.advance(path, goals[done]) if steps else ""
+            path.end = steps.advance(path, goals[done], seen) if steps else ""
             if not path.end:
-                _follow(path, goals[done], side)
+                _follow(path, goals[done], side, seen)
             if path.end == "to":
                 sweep.states.append(path.points[-1])
                 done += 1
@@ -132,9 +152,9 @@ def _one_way(sweep: Sweep, scale: float, here: Point, goals: list[float], steps:
     return here
 
 
-def _follow(path: Path, goal: float, side: float) -> None:
+def _follow(path: Path, goal: float, side: float, seen: Callable[[float], object]) -> None:
     """Follow a path along its arc from its last point to p = goal, or to where its stability ends."""
-    further = follow_from(path.equations, path.scale, path.points[-1], -side * np.inf, goal, stop="unstable")
+    further = follow_from(path.equations, path.scale, path.points[-1], -side * np.inf, goal, stop="unstable", seen=seen)
     path.points += further.points[1:]
     path.end = further.end
 
@@ -222,12 +242,14 @@ class FlowSurface(statics.Surface):
         return statics.SurfacePoint(energy, tangent.basis, tangent.pull, statics.Modes(tangent.stiffness))
 
 
-def detours(sweep: Sweep, most_points: int = 100) -> list[Path]:
+def detours(sweep: Sweep, most_points: int = 100, told: Callable[[float], object] | None = None) -> list[Path]:
     """What lies behind the points where the sweep's stable paths end: behind a limit point the unstable branch up to where it
     is stable again, at a branch point every path that leaves it.  Each ends at the sweep's parameters or with so many
-    points; one that cannot be followed at all is left out."""
+    points; one that cannot be followed at all is left out.  told: gets the part that is done, 0 to 1."""
     found = []
-    for path in sweep.paths:
+    for i, path in enumerate(sweep.paths):
+        if told:
+            told(i / len(sweep.paths))
         if path.end in ("limit", "branch") and len(path.points) > 1:
             ways = [(path.points[-2]._replace(arc=0.0), "stable" if path.end == "limit" else "")]
             if path.end == "branch":

@@ -33,15 +33,20 @@ def divided(times: np.ndarray, parts: int, steps: np.ndarray) -> np.ndarray:
     return np.unique(np.concatenate((times, more.ravel())))
 
 
-def largest(model: Model, inputs: Inputs, quantity: Callable[[Result], np.ndarray], **options) -> np.ndarray:
-    """(n,) largest values of the n quantities, (K+1, n) of a result, over a run; options: see kernel.simulate."""
+def largest(model: Model, inputs: Inputs, quantity: Callable[[Result], np.ndarray], told=None, **options) -> np.ndarray:
+    """(n,) largest values of the n quantities, (K+1, n) of a result, over a run; told, options: see kernel.simulate."""
     inputs = inputs.resolved(model)
     times = divided(inputs.times, EVERYWHERE, np.arange(len(inputs.times) - 1))
-    values = quantity(simulate(model, refined(inputs, times), **options))
-    for _ in range(ROUNDS):
+    values = quantity(simulate(model, refined(inputs, times), told=_part(told, 0), **options))
+    for number in range(1, ROUNDS + 1):
         times = divided(times, CLOSER, np.unique(np.concatenate([_beside_maxima(column) for column in values.T])))
-        values = quantity(simulate(model, refined(inputs, times), **options))
+        values = quantity(simulate(model, refined(inputs, times), told=_part(told, number), **options))
     return values.max(axis=0)
+
+
+def _part(told, number: int):
+    """What one of the rounds is to tell."""
+    return told and (lambda part: told((number + part) / (ROUNDS + 1)))
 
 
 def _beside_maxima(values: np.ndarray) -> np.ndarray:

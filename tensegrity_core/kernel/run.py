@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..errors import InputError, SimulationError
@@ -41,10 +43,18 @@ def _step(kernel: Kernel, h: float) -> list[Transition]:
     return found
 
 
-def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> Result:
+def simulate(
+    model: Model,
+    inputs: Inputs,
+    method: str = "auto",
+    tolerance: float = 1e-10,
+    max_step: float = 0.0,
+    told: Callable[[float], object] | None = None,
+) -> Result:
     """Run the kernel over held inputs (inputs.Inputs); the same signature and result as the reference.
 
-    Raises InputError for bad inputs and SimulationError where the kernel cannot go on.
+    told: gets the part of the time that is done, 0 to 1, after every step.  Raises InputError for bad inputs,
+    SimulationError where the kernel cannot go on.
     """
     if method not in METHODS:
         raise InputError(f"method = {method!r} is not one of {', '.join(METHODS)}")
@@ -62,6 +72,8 @@ def simulate(model: Model, inputs: Inputs, method: str = "auto", tolerance: floa
         block[:] = given[k]
         transitions += _step(kernel, h)
         rows[k + 1], counts[k + 1] = kernel.values, kernel.integers
+        if told:
+            told((k + 1) / steps)
     series = {name: rows[:, at] for name, at in kernel.layout.items()}
     series |= {name: counts[:, at] for name, at in kernel.integer_layout.items()}
     found = {field.name: spread(field, model, series[field.name]) for field in outputs()}

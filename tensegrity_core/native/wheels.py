@@ -13,9 +13,12 @@ import sys
 from pathlib import Path
 
 from .. import __version__
+from ..progress import Bar, each, expected
 from . import build
 
 ROOT = Path(__file__).resolve().parents[2]
+#: That a wheel takes, about.
+SECONDS = 40.0
 NEEDED = ("hatchling", "ziglang", "fmpy")
 
 
@@ -42,8 +45,12 @@ def main(words: list[str] | None = None) -> int:
         return 2
     options.output.mkdir(parents=True, exist_ok=True)
     try:
-        for platform in options.platforms:
-            print(f"wrote {build_wheel(platform, options.output)}", flush=True)
+        with Bar("wheels") as bar:
+            for platform, told in each(options.platforms, bar):
+                bar.what = f"wheel for {platform}"
+                with expected(SECONDS, told):
+                    wheel = build_wheel(platform, options.output)
+                bar.print(f"wrote {wheel}")
     except RuntimeError as failure:
         print(failure, file=sys.stderr)
         return 2

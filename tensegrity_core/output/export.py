@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,28 +23,32 @@ def columns(model: Model, result: Result) -> dict[str, np.ndarray]:
     return found
 
 
-def write_result(model: Model, result: Result, path: Path) -> None:
+def write_result(model: Model, result: Result, path: Path, told: Callable[[float], object] | None = None) -> None:
     """Write a result: .csv, one row per communication point (`columns`), or .npz, one array per field of `Result` and
-    the components' names.  The file appears whole or not at all.  Raises InputError, see `require_writable`.
+    the components' names.  The file appears whole or not at all.  told: gets the part of the rows that is written, 0 to 1.
+    Raises InputError, see `require_writable`.
     """
     path = require_writable(path, (".csv", ".npz"))
     if path.suffix.lower() == ".csv":
-        write_columns(columns(model, result), path)
+        write_columns(columns(model, result), path, told)
         return
     arrays: dict[str, Any] = _arrays(model, result)
     with replacing(path) as file:
         np.savez_compressed(file, **arrays)
 
 
-def write_columns(series: dict[str, np.ndarray], path: Path) -> None:
+def write_columns(series: dict[str, np.ndarray], path: Path, told: Callable[[float], object] | None = None) -> None:
     """Write series of equal length as a .csv file, whole or not at all.  Raises InputError where it cannot be written.
 
     Numbers are written as their shortest text that reads back to the same value.
     """
     with replacing_text(path) as file:
         file.write(",".join(series) + "\n")
-        for row in zip(*(values.tolist() for values in series.values())):
+        count = len(next(iter(series.values()), ()))
+        for k, row in enumerate(zip(*(values.tolist() for values in series.values())), 1):
             file.write(",".join(map(repr, row)) + "\n")
+            if told:
+                told(k / count)
 
 
 def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:

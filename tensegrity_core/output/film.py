@@ -12,6 +12,7 @@ from PIL import Image
 from ..errors import InputError
 from ..files import replacing
 from ..model import Model, Result
+from ..progress import Told, nobody
 from .drawing import NAMED_ROOM, ROOM, Drawing, arrow_scale, frame, new_axes, slack_strings
 from .plots import new_figure
 
@@ -19,8 +20,8 @@ from .plots import new_figure
 CLOCK = 30.0
 
 
-def write_frames(figure: Figure, path: Path, count: int, show, frames_per_second: int) -> None:
-    """Write a looping GIF of `count` frames; show(i) draws frame i on the figure.
+def write_frames(figure: Figure, path: Path, count: int, show, frames_per_second: int, told: Told = nobody) -> None:
+    """Write a looping GIF of `count` frames; show(i) draws frame i on the figure; told: gets the part that is drawn, 0 to 1.
 
     The file appears whole or not at all.  All frames share one palette, so that Pillow stores only what changes from
     frame to frame; Matplotlib's PillowWriter gives each frame a palette of its own, which makes larger files.
@@ -31,6 +32,7 @@ def write_frames(figure: Figure, path: Path, count: int, show, frames_per_second
         canvas: Any = figure.canvas  # of Agg, see new_figure
         canvas.draw()
         pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+        told((i + 1) / count)
     palette = _palette(pictures)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     with replacing(path) as file:
@@ -58,11 +60,12 @@ def animate(
     force: np.ndarray | None = None,
     size: tuple[int, int] = (480, 480),
     names: bool = False,
+    told: Told = nobody,
 ) -> None:
     """Write the motion of a result as a GIF, one frame per communication point.
 
     force: (K+1, N, 3) N, drawn as arrows; None: none; size: width and height, pixels; names: write those of nodes, strings and
-    bars, where there is room.  Raises InputError where `path` does not end in .gif.
+    bars, where there is room; told: see write_frames.  Raises InputError where `path` does not end in .gif.
     """
     path = Path(path)
     if path.suffix.lower() != ".gif":
@@ -84,4 +87,4 @@ def animate(
         drawing.move(result.position[k], slack[k], result.snapped[k], push, scale)
         clock.set_text(f"{model.name}  t = {result.times[k]:.2f} s")
 
-    write_frames(figure, path, len(result.times), show, frames_per_second)
+    write_frames(figure, path, len(result.times), show, frames_per_second, told)

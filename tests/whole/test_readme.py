@@ -109,7 +109,7 @@ def test_setup_commands_are_the_two_that_ci_runs():
     assert len(commands) == 2
     for command in commands:
         assert command.startswith("python3 -m venv .venv && .venv/bin/python -m pip install -e ")
-    assert commands[0].endswith("&& .venv/bin/python build_fmu.py --all")
+    assert commands[0].endswith("&& .venv/bin/python build_fmu.py three_bar_nsh")
     assert commands[1].endswith("&& .venv/bin/python -m pytest")
     (windows,) = [b["text"].splitlines() for b in blocks(ROOT / "README.md") if b["language"] == "bat"]
     as_unix = [c.replace("py -m venv", "python3 -m venv").replace(".venv\\Scripts\\", ".venv/bin/") for c in windows]

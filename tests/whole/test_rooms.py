@@ -15,6 +15,7 @@ PACKAGES = ("tensegrity_core", "fmu_src", "benchmarks")
 FLOORS = (
     ("tensegrity_core",),  # the package's own docstring and version
     ("tensegrity_core.errors", "tensegrity_core.interrupts"),
+    ("tensegrity_core.progress",),
     (
         "tensegrity_core.quantities",
         "tensegrity_core.files",

@@ -10,11 +10,14 @@ from ...errors import TensegrityError
 from ...files import replacing_folder
 from ...native import build
 from ...places import clone, kept
+from ...progress import Told, expected
 from . import bundle
 from .bundle import FILES
 
 #: In a wheel: the made files, beside their sources.
 BUILT = Path(__file__).resolve().parent / "built"
+#: That it takes to make them, about.
+SECONDS = 15.0
 
 
 class Parts(NamedTuple):
@@ -26,12 +29,12 @@ class Parts(NamedTuple):
     kernel: bytes
 
 
-def parts(say: Callable[[str], object] = lambda text: None) -> Parts:
-    """Template, bundle and kernel.  say: told when they have to be made, which takes up to a minute.
+def parts(say: Callable[[str], object] = lambda text: None, told: Told | None = None) -> Parts:
+    """Template, bundle and kernel.  say: told when they have to be made, which takes up to a minute; told: how far that is.
 
     Raises TensegrityError where they cannot be made here.
     """
-    folder = folder_of_parts(say)
+    folder = folder_of_parts(say, told)
     template, script, style = (
         path.read_text(encoding="utf-8")
         for path in (bundle.WEB / bundle.TEMPLATE, folder / bundle.SCRIPT, folder / bundle.STYLE)
@@ -49,7 +52,7 @@ def _kept() -> Path:
     return kept() / "page" / bundle.digest(build)
 
 
-def folder_of_parts(say: Callable[[str], object] = lambda text: None) -> Path:
+def folder_of_parts(say: Callable[[str], object] = lambda text: None, told: Told | None = None) -> Path:
     """The folder with FILES; see `parts`."""
     if folder := found():
         return folder
@@ -58,7 +61,7 @@ def folder_of_parts(say: Callable[[str], object] = lambda text: None) -> Path:
         raise TensegrityError(f"the page is built once from its sources, which takes: pip install {' '.join(lacking)}")
     say("building the page (once; up to a minute) ...")
     try:
-        with replacing_folder(folder) as fresh:
+        with replacing_folder(folder) as fresh, expected(SECONDS, told):
             bundle.make(fresh, build)
     except (RuntimeError, OSError) as failure:
         remedy = "this takes the npm registry once; a wheel brings the page with it"

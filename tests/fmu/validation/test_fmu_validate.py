@@ -52,16 +52,18 @@ def short(model, duration=0.1):
 class Here:
     """An executor that runs everything at once in this process."""
 
+    parts = ()
+
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
         return None
 
-    def submit(self, function, *arguments):
+    def submit(self, function, *arguments, **options):
         future = Future()
         try:
-            future.set_result(function(*arguments))
+            future.set_result(function(*arguments, **options))
         except Exception as error:
             future.set_exception(error)
         return future
@@ -437,7 +439,7 @@ def test_build_and_validate(brief, tmp_path, capsys):
     assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text(encoding="utf-8")
 
 
-def unmade(say):
+def unmade(say, told):
     """In the place of output.page.parts, where pages cannot be made."""
     raise TensegrityError("the page is built once, which takes: pip install something")
 
@@ -455,11 +457,14 @@ def test_where_no_page_can_be_made_that_is_said_once(tmp_path, capsys, monkeypat
 
 @pytest.mark.parametrize("made", [False, True])
 def test_a_page_stands_beside_the_reports_where_it_can(made, brief, tmp_path, capsys, monkeypatch):
-    parts = (lambda say: Parts("@MODEL@", "", "", b"")) if made else unmade
+    parts = (lambda say, told: Parts("@MODEL@", "", "", b"")) if made else unmade
     monkeypatch.setattr(builds, "parts", parts)
     assert build_fmu.main(["two_bar", "--runtime", "native", "--output", str(tmp_path / "ü #1")]) == 0
     report, page = tmp_path / "ü #1" / "native" / "two_bar.html", tmp_path / "ü #1" / "two_bar_live.html"
-    assert capsys.readouterr().out.splitlines()[-1] == f"reports: {report}{f', {page}' if made else ''}"
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == f"such as {(page if made else report).as_uri()}"
+    named = [line.split("  ")[-1].strip() for line in lines[lines.index("to be opened in a browser:") + 1 : -1]]
+    assert named == [str(report), str(page)][: 1 + made]
     assert page.is_file() == made == ('href="../two_bar_live.html"' in report.read_text(encoding="utf-8"))
 
 
