@@ -43,10 +43,11 @@ FLOORS = (
     ("benchmarks", "benchmarks.harness"),
     ("benchmarks.peers",),
     ("benchmarks.stability", "benchmarks.article", "benchmarks.speed", "benchmarks.work_precision", "benchmarks.importers"),
+    ("benchmarks.coupling",),
     ("benchmarks.redraw",),
 )
 #: What stands in an FMU, or in an importer's environment, and imports what is there.
-ELSEWHERE = ("fmu_src.python_runtime", "benchmarks.importers.drivers")
+ELSEWHERE = ("fmu_src.python_runtime", "benchmarks.importers.drivers", "benchmarks.coupling.drivers")
 #: Never imported by the room before them, whatever the floors say: the two truths meet in tests and in validation only.
 APART = {
     "tensegrity_core.kernel": ("tensegrity_core.laws", "tensegrity_core.reference"),

@@ -1,0 +1,114 @@
+"""Coupled FMUs against the same loop in one, at few steps: python -m benchmarks.coupling.run has the whole of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+
+from benchmarks.coupling import blocks, linear, master, monolithic, system
+
+DURATION = 0.6
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    return system.pack(tmp_path_factory.mktemp("parts"))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """Heights of the loop in one, each 5 ms."""
+    return monolithic.heights(system.LOOP, np.arange(121) * 0.005)
+
+
+def error(scheme, h, parts, whole):
+    found, _ = master.run(system.plan(), parts, master.SCHEMES[scheme], h, round(DURATION / h))
+    return np.max(np.abs(found - whole[:: round(h / 0.005)]))
+
+
+def test_descriptions_are_valid(parts):
+    assert [validate_fmu(str(path)) for path in dict.fromkeys(parts.values())] == [[]] * 3
+
+
+def test_the_loop_in_one_is_the_same_by_another_method(whole):
+    other = monolithic.heights(system.LOOP, np.arange(0, 121, 20) * 0.005, "Radau", 1e-9, 1e-11)
+    np.testing.assert_allclose(other, whole[::20], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "scheme, order, largest",
+    [
+        ("jacobi", 1, 3e-3),
+        ("gauss_seidel", 1, 1.5e-3),
+        ("jacobi_derivatives", 2, 7e-4),
+        ("gauss_seidel_derivatives", 2, 6e-5),
+        ("iterated", 2, 6e-5),
+    ],
+)
+def test_coupling_converges_to_the_loop_in_one(scheme, order, largest, parts, whole):
+    coarse, fine = (error(scheme, h, parts, whole) for h in (0.01, 0.005))
+    assert coarse < largest
+    assert order - 0.3 < np.log2(coarse / fine) < order + 0.9
+
+
+def test_without_rates_the_error_stays(parts, whole):
+    coarse, fine = (error("jacobi_no_rate", h, parts, whole) for h in (0.01, 0.005))
+    assert fine > 0.9 * coarse > 5e-3
+
+
+@pytest.mark.parametrize("scheme", ["jacobi", "gauss_seidel_derivatives"])
+def test_fmus_go_unstable_where_the_linear_system_does(scheme, parts):
+    coupling = linear.Coupling(system.LOOP, master.SCHEMES[scheme])
+    limit = linear.largest_step(coupling, np.geomspace(5e-3, 0.1, 8))
+    for factor in (0.95, 1.05):
+        h = factor * limit
+        assert linear.seen_growth(parts, master.SCHEMES[scheme], h) == pytest.approx(coupling.growth(h), abs=0.01)
+
+
+def test_a_winch_is_exact_whatever_the_step(parts):
+    """Its command is a ramp steeper than the rate limit, up to 0.35 s and then back: in 14 and in 140 steps, and by SciPy."""
+
+    def ramp(t):
+        return 1.0 + np.where(t < 0.35, 0.3 * t, 0.105 - 0.5 * (t - 0.35))
+
+    ends = []
+    for per_row in (1, 10):
+        unit, h, found = master.FMUnit(parts["winch_s4"], "winch"), 0.05 / per_row, []
+        unit.begin({"start_rest_length": 1.0, "command": 1.0})
+        unit.fmu.exitInitializationMode()
+        for k in range(14 * per_row):
+            unit.put(["command"], [ramp(k * h)], [0.3 if k < 7 * per_row else -0.5])
+            unit.step(k * h, h)
+            if (k + 1) % per_row == 0:
+                found.append(unit.get(["rest_length", "rest_length_rate"]))
+        unit.close()
+        ends.append(np.array(found))
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-14)
+    times = np.linspace(0.05, 0.7, 14)
+    tight = {"rtol": 1e-12, "atol": 1e-12, "max_step": 1e-3}
+    solved = solve_ivp(
+        lambda t, y: np.clip((ramp(t) - y) / 0.1, -0.1, 0.1), (0.0, 0.7), [1.0], "DOP853", times.round(9), **tight
+    )
+    np.testing.assert_allclose(ends[0][:, 0], solved.y[0], atol=1e-8)
+    assert np.ptp(ends[0][:, 1]) == pytest.approx(0.2), "both limits were reached"
+
+
+def test_blocks_refuse_what_they_do_not_know(parts):
+    unit = master.FMUnit(parts["controller"], "controller")
+    with pytest.raises(FMICallException, match="discard"):
+        unit.fmu.setReal([unit.references["command[1]"]], [1.0])
+    with pytest.raises(FMICallException, match="discard"):
+        unit.fmu.setReal([unit.references["gain"]], [np.nan])
+    unit.begin({})
+    unit.fmu.exitInitializationMode()
+    with pytest.raises(FMICallException, match="discard"):
+        unit.fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=0.0)
+    unit.close()
+
+
+def test_the_table_of_a_block_is_what_its_source_knows():
+    assert blocks.header(blocks.WINCH).count("START_REST_LENGTH") == 1
+    assert blocks.identity(blocks.WINCH) != blocks.identity(blocks.CONTROLLER)
