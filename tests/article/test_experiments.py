@@ -4,6 +4,7 @@ the pages of docs that come from them."""
 from __future__ import annotations
 
 import csv
+import functools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -237,6 +238,7 @@ def read(path):
     return {name: [float(cell) for cell in column] for name, column in zip(head, zip(*rows))}
 
 
+@functools.cache
 def computed(name):
     """What the API gives for the command's reduced run."""
     options = REDUCED[name]
@@ -253,6 +255,26 @@ def test_command_writes_what_the_experiment_gives(name, tmp_path, capsys):
     drawn = {f"experiment_{name}_figure_{n}{suffix}" for n in FIGURES[name] for suffix in (".png", ".svg")}
     assert {path.name for path in folder.iterdir()} == {f"experiment_{name}.csv", *drawn}
     assert data.summary() in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", REDUCED)
+def test_records_are_the_numbers_of_the_table(name):
+    data = computed(name)
+    records = json.loads(json.dumps(data.records()))
+    firsts = [row.split()[0] for row in data.summary().splitlines()[1:]]
+    assert [next(iter(row.values())).split()[0] for row in records] == firsts
+    if name == "I":
+        run, row = data.runs["two_bar_nsh"], next(row for row in records if row["scene"] == "two_bar_nsh")
+        assert row["height"] == run.height.mean(axis=1).tolist() and row["fastest_at_the_end"] == run.speed.max()
+    if name == "IV":
+        assert records[1]["absorbed"] == data.runs["nsh"].absorbed[-1] and records[1]["stored_at_the_end"] == data.stored("nsh")
+
+
+def test_the_table_as_json(tmp_path, capsys):
+    assert cli.main(["experiment", "nsh", "--output", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["experiment"], found["duration"]) == ("nsh", None)
+    assert found["table"] == computed("nsh").records() and len(found["written"]) == len(list(tmp_path.iterdir())) == 3
 
 
 def test_figures_are_drawn_alike_each_time(tmp_path):
