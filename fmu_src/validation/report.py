@@ -10,19 +10,26 @@ import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import tensegrity_core
 from tensegrity_core.files import write_text
+from tensegrity_core.output.plots import draw_series, legend_beside
 
 from ..places import clone
 from ..variables.documentation import environment
 from . import compare
 from .sensitivity import WINDOW
 from .validate import TIGHT, Run, Validation, reference_settings
+
+#: How many instants of the reference are marked, and how.
+CIRCLES = 21
+CIRCLE: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.7}
 
 
 def write_report(validation: Validation, path: Path, live: Path | None = None) -> None:
@@ -78,19 +85,20 @@ def picture(run: Run) -> bytes:
     tensions = run.fmu["string_force"], run.reference.string_force
     _draw(axes[:, 1], times, *tensions, np.abs(tensions[0] - tensions[1]), model.string_names, "tension, N", "error, N")
     out = io.BytesIO()
+    circle = Line2D([], [], linestyle="", label="circles: the reference; lines: the FMU", **CIRCLE)
+    figure.legend(handles=[circle], loc="outside lower center", fontsize=8, frameon=False)
     figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 
 def _draw(axes, times, ours, reference, gap, names, label, error_label):
     above, below = axes
-    for i, name in enumerate(names):
-        (line,) = above.plot(times, ours[:, i], linewidth=1.2, label=name)
-        above.plot(times, reference[:, i], color="black", linewidth=0.7, linestyle=(0, (1, 4)))
-        below.plot(times, gap[:, i], linewidth=0.8, color=line.get_color())
+    draw_series(above, times, ours, names)
+    points = np.unique(np.linspace(0, len(times) - 1, CIRCLES).astype(int))
+    above.plot(times[points], reference[points], linestyle="", **CIRCLE)
+    draw_series(below, times, gap, names)
     above.set_ylabel(label)
-    if names:
-        above.legend(fontsize="x-small", ncols=1 + len(names) // 8, loc="upper right", title="FMU; dotted: reference")
+    legend_beside(above)
     below.set_yscale("symlog", linthresh=1e-12)
     below.set_ylabel(error_label)
     below.set_xlabel("time, s")

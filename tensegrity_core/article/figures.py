@@ -35,7 +35,11 @@ STYLE: dict[Any, Any] = {
     "axes.titlelocation": "left",
 }
 TITLES = {"two_bar": "two-bar", "three_bar": "three-bar", "six_bar": "six-bar"}
-AXIS_COLOURS = {"x": "#22252e", "y": "#1b9aaa", "z": "#d1495b"}
+AXIS_LINES: dict[str, dict[str, Any]] = {
+    "x": {"color": "#22252e", "linestyle": "-"},
+    "y": {"color": "#1b9aaa", "linestyle": (0, (5.0, 1.5))},
+    "z": {"color": "#d1495b", "linestyle": (0, (1.5, 1.0))},
+}
 NSH_LINE: dict[str, Any] = {"color": "#22252e", "linestyle": "-"}
 PLAIN_LINE: dict[str, Any] = {"color": "#22252e", "linestyle": "--"}
 LINES = {True: NSH_LINE, False: PLAIN_LINE}
@@ -103,7 +107,7 @@ def figure_6(columns: Columns) -> Figure:
                 label = "_" if i else LABELS[nsh]
                 axes.plot(columns["force"], columns[node], **LINES[nsh], marker=".", markersize=3, label=label)
         axes.set(title=TITLES[name], xlabel="f_ext on each top node in N", ylabel="z of the top nodes in m")
-        axes.legend(loc="upper left")
+    figure.legend(*axes.get_legend_handles_labels(), ncols=2, loc="outside upper right")
     return figure
 
 
@@ -115,7 +119,7 @@ def figure_7(columns: Columns) -> Figure:
     for row, damping in zip(panels, dampings):
         for axes, kind in zip(row, ("_nsh", "")):
             for name in fnmatch.filter(columns, f"three_bar{kind}.{damping}.n*.d[xyz]"):
-                axes.plot(columns["time"], columns[name], color=AXIS_COLOURS[name[-1]], label=f"\u0394{name[-1]}")
+                axes.plot(columns["time"], columns[name], **AXIS_LINES[name[-1]], label=f"\u0394{name[-1]}")
             axes.set_title(f"{LABELS[bool(kind)]}, d = {damping[1:]} N s/m")
             axes.margins(x=0.0)
         row[0].set_ylabel(f"displacement of {name.split('.')[2]} in m")
@@ -134,7 +138,7 @@ def figure_8(columns: Columns, damping: float = 500.0) -> Figure:
         axes.plot(columns["time"], force, **LINES[bool(kind)], label=LABELS[bool(kind)])
     axes.set(xlabel="t in s", ylabel="elastic force of n1-n4 in N", title=f"d = {damping:g} N s/m")
     axes.margins(x=0.0)
-    axes.legend(loc="upper right")
+    figure.legend(*axes.get_legend_handles_labels(), ncols=2, loc="outside upper right")
     return figure
 
 
@@ -171,7 +175,7 @@ def figure_10(columns: Columns) -> Figure:
             axes.plot(columns["time"], columns[f"{name}.{what}"], **LINES[nsh], label=LABELS[nsh])
         axes.margins(x=0.0)
     panels[0].set_ylabel("external power in W")
-    panels[0].legend(loc="upper right")
+    figure.legend(*panels[0].get_legend_handles_labels(), ncols=2, loc="outside upper right")
     panels[1].set(xlabel="t in s", ylabel="absorbed energy in J")
     return figure
 

@@ -1,7 +1,8 @@
 """Pictures of equilibrium paths: load over a coordinate.
 
-Stable states are solid, unstable ones dashed; a growing load is blue, a falling one red.  Dots are limit points, diamonds
-branch points, squares kinks and loose ends; dotted arrows show where the structure moves on by itself.
+Stable states are solid, unstable ones dashed; the line of a growing load is wide and blue, that of a falling one thin and
+red.  Dots are limit points, diamonds branch points, squares kinks and loose ends; dotted arrows show where the structure moves
+on by itself.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from .path_table import Quantity
 from .plots import new_figure
 
 UP, DOWN, BEHIND = "#1f5fa8", "#d1495b", "#6b705c"
+WIDTHS = {UP: 3.0, DOWN: 1.2}  # so that both are seen where they are one, without colour, too
 FINE = 12  # parts into which a path's step is drawn
 
 
@@ -41,10 +43,10 @@ def curve(path: Path, quantity: Quantity, fine: int = FINE) -> tuple[np.ndarray,
 
 
 def draw_sweep(axes: Axes, sweep: Sweep, quantity: Quantity, colour: str, label: str) -> None:
-    """The stable paths of a slow load, and its jumps."""
+    """The stable paths of a slow load, and its jumps.  colour: UP or DOWN."""
     for i, path in enumerate(sweep.paths):
         parameter, value = curve(path, quantity)
-        axes.plot(value, parameter, "-", color=colour, linewidth=1.8, label=label if i == 0 else None)
+        axes.plot(value, parameter, "-", color=colour, linewidth=WIDTHS[colour], label=label if i == 0 else None)
     for jump in sweep.jumps:
         _draw_jump(axes, sweep, jump, quantity, colour)
 
@@ -84,15 +86,15 @@ def path_figure(name: str, sweeps: dict[str, Sweep], behind: list[Path], quantit
 
     sweeps: label -> sweep, a growing load first; behind: see steady_states.detours; load: what the parameter is.
     """
-    figure = new_figure(720, 540)
+    figure = new_figure(720, 580)
+    figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
     for (label, sweep), colour in zip(sweeps.items(), (UP, DOWN)):
         draw_sweep(axes, sweep, quantity, colour, label)
     draw_behind(axes, behind, quantity)
     axes.set(xlabel=f"{quantity.name} in m", ylabel=load, title=name)
     axes.grid(color="0.9")
-    axes.legend(frameon=False)
-    figure.tight_layout()
+    figure.legend(frameon=False, ncols=2, loc="outside lower center")
     return figure
 
 

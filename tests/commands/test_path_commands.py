@@ -35,7 +35,7 @@ def test_path_writes_states_there_and_back(tmp_path, capsys):
     sweep = steady_states.load_sweep(Loading(model, push(model, 1.0, 0.0)), np.arange(0.0, 73.0, 4.0))
     assert [float(row["n3.z"]) for row in there] == sweep.nodes[:, 2, 2].tolist()
     assert {row["stable"] for row in found if row["leg"] == "behind"} == {"0", "1"}
-    assert Image.open(figure).size == (720, 540)
+    assert Image.open(figure).size == (720, 580)
 
 
 MAST = """
