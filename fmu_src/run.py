@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +22,7 @@ def run(
     fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An FMU of FMI 2.0 for co-simulation.")],
     inputs: InputFile = None,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=X", help="Start values, such as gravity=3.7 b1.mass=2.")
+        list[str] | None, typer.Option("--set", metavar="NAME=X", help="Start values, such as gravity=3.7 solver.method=rk4.")
     ] = None,
     duration: Duration = 5.0,
     step: SampleStep = 0.01,
@@ -95,19 +96,27 @@ def _held(description: Any, path: str | None, times: np.ndarray) -> tuple[list[s
     import numpy as np
 
     from tensegrity_core.commands.words import one_of
+    from tensegrity_core.model.components import own_names
     from tensegrity_core.model.inputs import just_after
     from tensegrity_core.model.signals import sampler
     from tensegrity_core.output import series
 
-    known = {v.name: v for v in description.modelVariables if v.causality == "input" and v.type == "Real"}
+    variables = {v.name: v for v in description.modelVariables}
+    known = {name: v for name, v in variables.items() if v.causality == "input" and v.type == "Real"}
     rates = {v.derivative.name: name for name, v in known.items() if v.derivative is not None}
     given = series.read(path) if path else {}
-    signals = {str(n): sampler(str(n), (given["time"].values, given[n].values)) for n in given if str(n) in known}
+    signals: dict[str, Any] = {}
+    own = own_names(map(str, given), variables)
+    for column, name in own.items():
+        if name in signals:
+            raise InputError(f"{path}: column {column} stands twice, under a structured and a flat name; leave one out")
+        if name in known:
+            signals[name] = sampler(column, (given["time"].values, given[column].values))
     if path and not signals:
         raise InputError(f"{path}: no column is an input of {description.modelName}; inputs are {', '.join(list(known)[:30])}")
-    variables = [v.name for v in description.modelVariables]
-    for name in given:
-        one_of(f"{path}: column", str(name), [n for n in variables if n in known] if str(name) not in variables else variables)
+    for column, name in own.items():
+        if name not in variables:
+            one_of(f"{path}: column", column, known)
     columns: dict[str, np.ndarray] = {}
     for name, sample in signals.items():
         if name in rates and rates[name] not in signals:
@@ -120,16 +129,33 @@ def _held(description: Any, path: str | None, times: np.ndarray) -> tuple[list[s
 
 def _starts(description: Any, texts: list[str]) -> dict[str, float]:
     """Raises InputError."""
-    from tensegrity_core.commands.words import finite, one_of
+    from tensegrity_core.commands.words import one_of
+    from tensegrity_core.model.components import own_names
 
     known = {v.name: v for v in description.modelVariables if v.causality in ("parameter", "input")}
-    found = {}
+    found: dict[str, float] = {}
     for text in texts:
-        name, equals, number = text.partition("=")
+        name, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"--set {text}: this is not of the form NAME=X; write as in gravity=3.7")
-        value = finite(f"--set {text}", number, f"{one_of('--set', name, known)}=1")
+        name = one_of("--set", own_names([name], known)[name], known)
         if name in found:
             raise InputError(f"--set {text}: {name} is given twice; give it once")
-        found[name] = value if known[name].type == "Real" else round(value)
+        found[name] = _value(f"--set {text}", known[name], value)
     return found
+
+
+def _value(option: str, variable: Any, text: str) -> float:
+    """A value for a variable of the FMU; of an Enumeration by its number or its name.  Raises InputError."""
+    from tensegrity_core.commands.words import finite, one_of
+    from tensegrity_core.fields import METHODS
+
+    items = {item.name: int(item.value) for item in getattr(variable.declaredType, "items", None) or ()}
+    if variable.name in ("solver.method", "solver_method") and not items:  # built with --simple-types
+        items = {method: i for i, method in enumerate(METHODS)}
+    if items and not re.fullmatch(r"[-+0-9.eE ]+", text):
+        return items[one_of(option.partition("=")[0], text, items)]
+    value = finite(option, text, f"{variable.name}={variable.start or 1}")
+    if variable.type != "Real" and value != round(value):
+        raise InputError(f"{option}: {variable.name} takes whole numbers only; give one")
+    return value if variable.type == "Real" else round(value)

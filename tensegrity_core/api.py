@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import importlib
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,8 @@ from .equilibria.modes import modes as small_motions
 from .errors import InputError
 from .fields import outputs
 from .model import Inputs, Model, Result, grid
-from .model.components import names
+from .model.components import names, own_names
+from .model.inputs import require_room
 from .model.signals import Signal, driven, places, require_known
 from .output import series
 from .output.export import require_writable
@@ -48,7 +50,7 @@ class _Named:
         return self.data[name]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run(_Named):
     """A simulation's result.
 
@@ -76,7 +78,7 @@ class Run(_Named):
         return series.write(self.data, path)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Equilibrium(_Named):
     """A steady state.  model: the scene, starting there; data: Dataset of the state, `state["n4.z"]` a number with its unit."""
 
@@ -92,8 +94,9 @@ def scenes() -> tuple[str, ...]:
 def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
     """The model of a scene: a built-in one by its name, or a scene file by its path.
 
-    changes: what to vary, by its place in the scene file: {"gravity": 0.0, "materials.cable.stiffness": 900.0}.  A model
-    is passed on as it is.  Raises SceneError for a scene that cannot become a model.
+    changes: what to vary, by its place in the scene file: {"gravity": 0.0, "materials.cable.stiffness": 900.0}.  A table joins
+    the one that stands there, anything else takes its place.  A model is passed on as it is.  Raises SceneError for a scene
+    that cannot become a model.
     """
     if isinstance(scene, Model):
         if changes:
@@ -102,20 +105,37 @@ def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
     found = load_scene(scene)
     if changes is not None and not (isinstance(changes, Mapping) and all(isinstance(key, str) for key in changes)):
         raise InputError(f"changes = {changes!r} is no dictionary by places in the scene file, such as {{'gravity': 0.0}}")
-    if changes and "extends" in changes:
-        raise InputError("changes: another scene is not a change; load that scene")
     if changes:
-        data: dict[str, Any] = {"extends": str(Path(found.file).resolve()), "name": found.name}
-        for key, value in changes.items():
-            table = data
-            *tables, last = key.split(".")
-            for name in tables:
-                table = table.setdefault(name, {})
-                if not isinstance(table, dict):
-                    raise InputError(f"changes: {key} lies in {name}, which is changed as a whole; give one of them")
-            table[last] = value
-        found = parse_scene(data, "changes")
+        found = parse_scene({"extends": str(Path(found.file).resolve()), "name": found.name} | _tables(changes), "changes")
     return statics.build_model(found)
+
+
+def _tables(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes by their places as the tables of a scene file.  Raises InputError."""
+    if "extends" in changes:
+        raise InputError("changes: another scene is not a change; load that scene")
+    data: dict[str, Any] = {}
+    for key, value in changes.items():
+        table = data
+        *tables, last = key.split(".")
+        for name in tables:
+            table = table.setdefault(name, {})
+            if not isinstance(table, dict):
+                raise InputError(f"changes: {key} lies in {name}, which is changed as a whole; give one of them")
+        if last in table:
+            raise InputError(f"changes: {key} and what lies in it are given apart; give one of them")
+        empty = _empty(key, value)
+        if empty:
+            raise InputError(f"changes: {empty} = {{}} changes nothing; name a value in it, as in bars.b1.mass")
+        table[last] = deepcopy(value)
+    return data
+
+
+def _empty(key: str, value: Any) -> str:
+    """The place of an empty table in a value, or ''."""
+    if not isinstance(value, Mapping):
+        return ""
+    return next(filter(None, (_empty(f"{key}.{name}", inner) for name, inner in value.items())), "") if value else key
 
 
 def simulate(
@@ -135,6 +155,7 @@ def simulate(
     tolerance: see docs/methods.md; max_step: the largest step, s, of rk4 and ros2 the step.  Raises TensegrityError.
     """
     model, times = load(scene), grid(duration, step)
+    require_room(model, len(times))
     given = driven(model, times, _signals(inputs, model))
     result = kernel.simulate(model, given, method, tolerance, max_step)
     return Run(model, series.dataset(model, result, method=method, tolerance=tolerance, max_step=max_step), result, given)
@@ -170,13 +191,17 @@ def read_inputs(path: str | Path, model: Model) -> dict[str, Signal]:
 def _columns(data: xr.Dataset, model: Model, where: str) -> dict[str, Signal]:
     """Signals out of a Dataset over time.  Raises InputError."""
     known, ignored = places(model), {name for field in outputs() for name in names(field, model)}
-    signals = {}
-    for name, values in data.items():
-        if str(name) in ignored or str(name).startswith("transition."):
+    own = own_names(map(str, data), [*known, *ignored])
+    signals: dict[str, Signal] = {}
+    for column, name in own.items():
+        values = data[column]
+        if name in ignored or name.startswith("transition."):
             continue
+        if name in signals:
+            raise InputError(f"{where}: {column} stands twice, under a structured and a flat name; leave one out")
         if values.dims != ("time",):
             raise InputError(f"{where}: {name} is over {', '.join(map(str, values.dims))}; give it over time alone")
-        signals[str(name)] = (data["time"].values, values.values)
+        signals[name] = (data["time"].values, values.values)
     require_known(model, signals, where)
     if not signals:
         raise InputError(f"{where}: no column is an input of {model.name}; inputs are {', '.join(list(known)[:30])}")

@@ -34,10 +34,12 @@ class SceneError(TensegrityError):
 class InputError(TensegrityError):
     """An input, parameter or start value outside its range.  The object that refused it is unchanged.
 
-    index: of the value among all inputs and parameters, where it was the kernel that refused it.
+    index: of the value among all inputs and parameters, where it was the kernel that refused it; reason: the message without
+    the value's name and the value.
     """
 
     index: int
+    reason: str
 
 
 class SimulationError(TensegrityError):

@@ -51,7 +51,7 @@ def replacing(path: str | Path) -> Iterator[BinaryIO]:
     A link at `path` is replaced, not followed; permissions are the process's usual ones.  Raises InputError where nothing can
     be written there, and what stood there stays.
     """
-    path = Path(path)
+    path = _possible(path)
     try:
         with ExitStack() as stack:
             with held_back():
@@ -108,7 +108,7 @@ def replacing_folder(path: str | Path) -> Iterator[Path]:
 
     Missing folders above it are made.  Raises InputError where it cannot be put there.
     """
-    path = Path(path)
+    path = _possible(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with scratch(path.parent) as fresh:
@@ -244,5 +244,19 @@ def _exchange(fresh: Path, path: Path) -> None:
     return os.rename(fresh, path)
 
 
-def _not_writable(path: Path, failure: OSError) -> InputError:
-    return InputError(f"output = {str(path)!r} cannot be written: {failure.strerror or failure}; name another file")
+def _possible(path: str | Path) -> Path:
+    """Raises InputError for what no file can be called."""
+    path = Path(path)
+    try:
+        os.lstat(path)
+    except ValueError as failure:  # a null character, letters that the file system's encoding lacks
+        raise _not_writable(path, failure) from failure
+    except OSError:  # it is not there, which writing will mend, or writing will say what is wrong
+        pass
+    return path
+
+
+def _not_writable(path: Path, failure: OSError | ValueError) -> InputError:
+    return InputError(
+        f"output = {str(path)!r} cannot be written: {getattr(failure, 'strerror', None) or failure}; name another file"
+    )

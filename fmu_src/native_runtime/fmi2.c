@@ -59,13 +59,28 @@ static fmi2Status in_order(instance *fmu, int modes, fmi2Status otherwise, const
 #define REQUIRE_POINTER(pointer) \
     if (!(pointer)) return refuse(fmu, __func__, "a null pointer was passed")
 
+/* The kernel's message with the name of the value that it refuses. */
+static const char *refused_value(const instance *fmu, char *text, size_t capacity)
+{
+    int32_t index = ts_concerned(fmu->sim);
+    char number[32];
+    if (index >= ts_real_count(fmu->sim)) {
+        snprintf(text, capacity, "%s %s", fmu->table.name[index], ts_message(fmu->sim));
+    } else {
+        fmu_number(ts_values(fmu->sim)[index], number);
+        snprintf(text, capacity, "%s = %s %s", fmu->table.name[index], number, ts_message(fmu->sim));
+    }
+    return text;
+}
+
 /* Initialization Mode: outputs follow inputs and parameters at once, computed when somebody looks. */
 static int refresh(instance *fmu, const char *what)
 {
     if (!fmu->stale) return 1;
     int32_t index = -1;
+    char why[320];
     if (ts_check(fmu->sim, &index) != TS_OK) {
-        fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: %s %s", what, fmu->table.name[index], ts_message(fmu->sim));
+        fmu_log(fmu, LOG_DISCARD, fmi2Discard, "%s: %s", what, refused_value(fmu, why, sizeof why));
         return 0;
     }
     if (ts_initialize(fmu->sim, fmu->start) != TS_OK) {
@@ -463,12 +478,14 @@ static fmi2Status wrong_size(instance *fmu, double point, double h)
 
 FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, fmi2Boolean no_set_state_prior)
 {
-    char why[192];
+    char why[320];
     REQUIRE(c, FMU_STEPPING, fmi2Error);
     (void)no_set_state_prior;
     if (!(h > 0.0) || !isfinite(h)) return wrong_size(fmu, point, h);
     if (wrong_time(fmu, point, h, why, sizeof why)) return error(fmu, __func__, why);
-    if (ts_step(fmu->sim, h) != TS_OK) return discard(fmu, point, ts_message(fmu->sim));
+    int status = ts_step(fmu->sim, h);
+    int names_one = status == TS_BAD_INPUT && ts_concerned(fmu->sim) >= 0;
+    if (status != TS_OK) return discard(fmu, point, names_one ? refused_value(fmu, why, sizeof why) : ts_message(fmu->sim));
     fmu->discarded = fmu->derivatives_ready = 0;
     fmu->time = point + h;
     if (fmu->log[LOG_EVENTS] && ts_transition_count(fmu->sim)) log_events(fmu);

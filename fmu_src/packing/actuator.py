@@ -34,7 +34,7 @@ SHOWN = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ActuatorModel(Model):
     """The model of a stand-alone actuator; see `detached`."""
 

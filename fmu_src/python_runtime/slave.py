@@ -211,7 +211,7 @@ class TensegritySlave(Fmi2Slave):
         try:
             self._kernel.step(step_size)
         except (InputError, SimulationError) as error:
-            raise self._discarded(current_time, self._explain(error, step_size)) from error
+            raise self._discarded(current_time, self._explain(error)) from error
         state.time, state.discarded, self._rates = current_time + step_size, False, None
         if self._asked["logEvents"] and self._kernel.transition_count:
             self._log_events()
@@ -441,13 +441,10 @@ class TensegritySlave(Fmi2Slave):
 
     # Messages
 
-    def _explain(self, error, step_size=0.0):
-        """The message of a kernel error, with the variables that it concerns: the one whose place it carries as
-        `index`, or the rest lengths that would turn negative within the step.
-        """
-        kernel, names = self._kernel, self._table.names
-        concerned = [error.index] if hasattr(error, "index") else []
-        if isinstance(error, InputError) and not concerned:
-            end = kernel["rest_length"] + step_size * kernel["rest_length_rate"]
-            concerned = [kernel.layout["rest_length"].start + int(i) for i in (end < 0.0).nonzero()[0]]
-        return ": ".join([", ".join(names[i] for i in concerned[:8]), str(error)] if concerned else [str(error)])
+    def _explain(self, error):
+        """The message of a kernel error, with the variable that it concerns, whose place it carries as `index`."""
+        if not hasattr(error, "index"):
+            return str(error)
+        values = self._kernel.values
+        value = f" = {number(values[error.index])}" if error.index < len(values) else ""
+        return f"{self._table.names[error.index]}{value} {error.reason}"

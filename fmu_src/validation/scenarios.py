@@ -23,7 +23,7 @@ DAMPINGS = {0.1: "d/10", 1.0: "d", 10.0: "10 d"}
 LIFT, WAVE = 42.0, 400.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scenario:
     """name: an identifier; title: for humans; model: with the damping of this scenario; inputs: held; short: a title that
     fits into a line of a table; tolerance: of the FMU, None: its own; method: of the reference."""

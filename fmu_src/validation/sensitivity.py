@@ -35,7 +35,7 @@ JUMPING = tuple(field.name for field in outputs(FIELDS) if field.jumps)
 OUTPUTS = tuple(field.name for field in outputs(FIELDS) if COMPARED[field.compared])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Spread:
     """What start errors of `size` m and m/s become in one scenario.
 

@@ -59,7 +59,7 @@ class ValidationError(TensegrityError):
     """A validation that could not be carried out."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reference:
     """What a worker finds out about a scenario.  cached: whether the run came from the cache; spreads: see `sensitivity`, for
     START_ERROR and LARGER times that; notes: what the user should know; seconds: processor time.
@@ -72,7 +72,7 @@ class Reference:
     seconds: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """One scenario of an FMU.  fmu: its outputs by field at its own tolerance, see compare.series; comparison: of these;
     tight: of those at a tight tolerance, the better one; seconds: per communication step; again: the reference ran once more,
@@ -100,7 +100,7 @@ class Run:
         return self.tight.until
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Validation:
     """All runs of one FMU.  runtime: 'python' or 'native'."""
 

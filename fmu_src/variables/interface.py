@@ -7,7 +7,6 @@ unique over all types.  Both FMU runtimes, their description and their documenta
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import string_law
 from tensegrity_core.model import Model
-from tensegrity_core.model.components import components
+from tensegrity_core.model.components import components, flat
 
 from .dependencies import initial_dependencies
 
@@ -143,11 +142,6 @@ def by_reference(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
     known = {row.reference: row for row in table}
     empty = Variable("", 0, "Real", "output", "continuous", None, None, None, None, None, None, "", "", ())
     return tuple(known.get(i, replace(empty, reference=i)) for i in range(max(known) + 1))
-
-
-def flat(name: str) -> str:
-    """n4.force.x -> n4_force_x, s1.nsh.Q[1] -> s1_nsh_Q_1."""
-    return re.sub(r"[.\[]", "_", name.replace("]", ""))
 
 
 def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | None, float | int | None]:

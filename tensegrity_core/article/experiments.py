@@ -73,7 +73,7 @@ def upward(model: Model, nodes: int | np.ndarray, force: float = 1.0) -> np.ndar
 # --- I: steady heights -------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SteadyHeights:
     """Where a system rests under each of F lifts.
 
@@ -214,7 +214,7 @@ def displacement(result: Result, node: int) -> np.ndarray:
     return result.position[:, node] - result.position[0, node]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WavePeaks:
     """What is largest in a run, also between its communication points.  way: m, of a node from its start; force: N, elastic, of
     some strings together; swing: (3,) m, how far each coordinate swings at the end."""
@@ -224,7 +224,7 @@ class WavePeaks:
     swing: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wave:
     """Experiment II: (scene, damping in N s/m) -> its motion, and what is largest in it; node: the one that is watched; string:
     likewise."""
@@ -349,7 +349,7 @@ def sine_peaks(model: Model, inputs: Inputs, told: Told = nobody) -> tuple[float
     return float(way), np.add(ends[: len(model.axes)], ends[len(model.axes) :])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Actuation:
     """Experiment III: scene -> its model and motion, and what is largest in it, see sine_peaks."""
 
@@ -493,7 +493,7 @@ def experiment_4(
 # --- figures 3 and 5: force curves -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curve:
     """A force curve of an NSH over its elongation; marks: name -> (elongation in m, force in N)."""
 

@@ -72,7 +72,7 @@ class Oscillator:
         return 0.5 * self.mass * velocity**2 + np.vectorize(self.law.energy, otypes=[float])(np.abs(x))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """times: (K+1,) s; position, velocity: (K+1,) m, m/s; force: (K,) N, held over the steps.
 

@@ -9,12 +9,13 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperGroup
 
-from ..errors import TensegrityError, shown
+from ..errors import InputError, TensegrityError, shown
 
 #: Exit codes: done; done, but what was checked does not hold; a mistake in what was asked, nothing is written.  A program that
 #: was asked to end has 128 and the signal's number, see interrupts.py.
@@ -84,6 +85,8 @@ def run(command: Any, name: str, words: Sequence[str] | None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a description may have letters that the terminal's encoding lacks
     try:
+        if "--install-completion" in given:
+            require_home()
         if f"_{name.upper()}_COMPLETE" in os.environ:
             command.main(prog_name=name)  # the shell asks for completions
         with command.make_context(name, [word for word in spread(given) if word != "--debug"]) as context:
@@ -105,6 +108,21 @@ def run(command: Any, name: str, words: Sequence[str] | None) -> int:
     except OSError as error:  # of a full disk: what files.py writes has errors of its own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _mistake(f"the output cannot be written: {error.strerror or error}; send it elsewhere", debug)
+
+
+def require_home() -> None:
+    """Raises InputError where there is no folder for a shell's settings."""
+    try:
+        home = Path.home()
+    except RuntimeError:  # no HOME, and a user whom the system does not know
+        home = None
+    if not (home and home != Path(home.anchor) and home.is_dir() and os.access(home, os.W_OK)):
+        what = (
+            "there is no home folder" if home is None else f"HOME = {str(home)!r} is no folder of yours that can be written to"
+        )
+        raise InputError(
+            f"{what}, and completion goes there; set HOME, or put what --show-completion prints where the shell reads it"
+        )
 
 
 def tell(found: str | dict[str, Any], *written: object) -> None:

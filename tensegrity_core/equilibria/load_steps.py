@@ -42,7 +42,7 @@ class Doubt(Exception):
     """The way on cannot be told from here."""
 
 
-@dataclass
+@dataclass(eq=False)
 class State:
     """A stable equilibrium, or a limit point: unknowns z and their derivatives by p, (n+B,); elongation: (S,) m.
 

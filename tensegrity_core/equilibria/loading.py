@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..model import Model
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Loading:
     """force + p force_direction: (N, 3) N; rest_length + p rest_length_direction: (S,) m; None: no force, the model's rest
     lengths, no change."""

@@ -52,7 +52,7 @@ class Jump(NamedTuple):
     kind: str
 
 
-@dataclass
+@dataclass(eq=False)
 class Sweep:
     """What a slow load does: the steady state at each parameter asked for, the stable paths, the jumps."""
 

@@ -62,6 +62,7 @@ _PROTOTYPES = {
     "ts_output_derivatives": (c_int, c_void_p, POINTER(c_double)),
     "ts_time": (c_double, c_void_p),
     "ts_message": (c_char_p, c_void_p),
+    "ts_concerned": (c_int32, c_void_p),
     "ts_status_name": (c_char_p, c_int),
     "ts_check": (c_int, c_void_p, POINTER(c_int32)),
     "ts_initialize": (c_int, c_void_p, c_double),
@@ -200,8 +201,9 @@ class Kernel:
         if not status:
             return
         name = self._library.ts_status_name(status).decode()
-        if name == "BAD_INPUT":
-            self.check()
+        concerned = self._library.ts_concerned(self._sim) if name == "BAD_INPUT" else -1
+        if concerned >= 0:
+            raise self._refused(concerned)
         if name in ("BAD_INPUT", "BAD_STEP", "BAD_STATE"):
             raise InputError(self._message())
         raise SimulationError(name.lower(), self._message(), self.time)
@@ -218,10 +220,15 @@ class Kernel:
         """Raises InputError, naming field, place and value, where an input or parameter is outside its range."""
         index = c_int32(-1)
         if self._library.ts_check(self._sim, byref(index)):
-            name, place = self.place(index.value)
-            error = InputError(f"{name}[{place}] = {self[name][place].item()!r} {self._message()}")
-            error.index = index.value
-            raise error
+            raise self._refused(index.value)
+
+    def _refused(self, index: int) -> InputError:
+        """What the kernel's message says of a value."""
+        name, place = self.place(index)
+        value = self[name][place].item()
+        error = InputError(f"{name}[{place}] = {value!r} {self._message()}")
+        error.index, error.reason = index, self._message()
+        return error
 
     def reset(self) -> None:
         """Inputs, parameters and state as they were at first."""

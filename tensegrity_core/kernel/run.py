@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError, SimulationError
-from ..fields import METHODS, outputs
+from ..fields import FIELDS, INTEGER_FIELDS, METHODS, outputs
 from ..model import Inputs, Model, Result, Transition
-from ..model.components import flattened, spread
+from ..model.components import flattened, names, spread
 from ..model.inputs import INPUTS, carried
 from .binding import Kernel
 
@@ -43,6 +43,17 @@ def _step(kernel: Kernel, h: float) -> list[Transition]:
     return found
 
 
+def _in_users_words(error: InputError, kernel: Kernel, model: Model, time: float) -> InputError:
+    """The error with the names that its reader has given: those of an input file and of `simulate`'s arguments."""
+    if not hasattr(error, "index"):
+        return error
+    name, place = kernel.place(error.index)
+    field = next(field for field in FIELDS + INTEGER_FIELDS if field.name == name)
+    mine = names(field, model)[place] if field.shape else name
+    when = f" (at t = {time:g} s)" if name in INPUTS else ""
+    return InputError(f"{mine} = {kernel[name][place].item()!r} {error.reason}{when}")
+
+
 def simulate(
     model: Model,
     inputs: Inputs,
@@ -66,14 +77,17 @@ def simulate(
     transitions: list[Transition] = []
 
     block[:] = given[0]
-    kernel.initialize(inputs.times[0])
-    rows[0], counts[0] = kernel.values, kernel.integers
-    for k, h in enumerate(np.diff(inputs.times).tolist()):
-        block[:] = given[k]
-        transitions += _step(kernel, h)
-        rows[k + 1], counts[k + 1] = kernel.values, kernel.integers
-        if told:
-            told((k + 1) / steps)
+    try:
+        kernel.initialize(inputs.times[0])
+        rows[0], counts[0] = kernel.values, kernel.integers
+        for k, h in enumerate(np.diff(inputs.times).tolist()):
+            block[:] = given[k]
+            transitions += _step(kernel, h)
+            rows[k + 1], counts[k + 1] = kernel.values, kernel.integers
+            if told:
+                told((k + 1) / steps)
+    except InputError as error:
+        raise _in_users_words(error, kernel, model, kernel.time) from None
     series = {name: rows[:, at] for name, at in kernel.layout.items()}
     series |= {name: counts[:, at] for name, at in kernel.integer_layout.items()}
     found = {field.name: spread(field, model, series[field.name]) for field in outputs()}

@@ -7,7 +7,8 @@ nodes is spread over all of them, (rows, N, 3), and a single value is (rows,).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from itertools import product
 
 import numpy as np
@@ -44,6 +45,18 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
 def names(field: Field, model: Model) -> list[str]:
     """The names of a field's variables, structured."""
     return [field.variable.format(**component) for component in components(field, model)]
+
+
+def flat(name: str) -> str:
+    """n4.force.x -> n4_force_x, s1.nsh.Q[1] -> s1_nsh_Q_1; scenes have no two names that become one."""
+    return re.sub(r"[.\[]", "_", name.replace("]", ""))
+
+
+def own_names(given: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Each name as a known one, structured or flat, whichever of the two was given: n4.force.z and n4_force_z are one."""
+    exact = dict.fromkeys(known)
+    own = {flat(name): name for name in exact}
+    return {name: name if name in exact else own.get(flat(name), name) for name in given}
 
 
 def full_shape(field: Field, model: Model) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ The reference, the kernel and the FMUs all get the same.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import make_dataclass, replace
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..fields import FIELDS, Field
+from ..fields import FIELDS, Field, size
 from ..quantities import number
 from .components import full_shape
 from .model import Model
@@ -26,7 +27,12 @@ INPUTS = {field.name: field for field in FIELDS if field.role == "input"}
 #: An input that moves during a step -> its rate.
 RATES = {field.rate_of: name for name, field in INPUTS.items() if field.rate_of}
 
-_Arrays: Any = make_dataclass("_Arrays", ["times", *((name, np.ndarray | None, None) for name in INPUTS)], frozen=True)
+#: Communication points of a run; the smallest scenes' series take 8 GB then.
+MOST_SAMPLES = 10_000_000
+
+_Arrays: Any = make_dataclass(
+    "_Arrays", ["times", *((name, np.ndarray | None, None) for name in INPUTS)], frozen=True, eq=False
+)
 
 
 class Inputs(_Arrays):
@@ -104,8 +110,31 @@ def grid(duration: float, step: float, start: float = 0.0) -> np.ndarray:
         raise InputError(
             f"duration = {duration!r} s, step = {step!r} s, start = {start!r} s: give finite numbers, the first two > 0"
         )
+    if duration / step > MOST_SAMPLES:
+        raise InputError(
+            f"duration = {duration!r} s at step = {step!r} s takes {duration / step:.3g} samples, more than {MOST_SAMPLES}; "
+            "shorten it, or space them wider"
+        )
     count = max(1, round(duration / step)) if step < math.inf else 1
     return start + np.arange(count + 1) * duration / count
+
+
+def require_room(model: Model, samples: int) -> None:
+    """Raises InputError where a run's series are more than this machine's memory takes, as far as it says what it has."""
+    wanted = 2 * 8 * samples * sum(size(field, model.counts) for field in FIELDS)  # as the kernel gives them, and in a table
+    if wanted > _memory():
+        raise InputError(
+            f"the series of {model.name} at {samples} samples take {wanted / 1e9:.3g} GB, this machine has "
+            f"{_memory() / 1e9:.3g} GB of memory; give a shorter duration, or space the samples wider"
+        )
+
+
+def _memory() -> float:
+    """Bytes of this machine, infinite where that is not known."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):  # Windows
+        return math.inf
 
 
 def just_after(times: np.ndarray) -> np.ndarray:

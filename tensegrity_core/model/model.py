@@ -6,7 +6,7 @@ scene says otherwise) and the rest lengths that `statics` computed; it knows not
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -68,7 +68,7 @@ def _none() -> np.ndarray:
     return np.zeros(0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """A tensegrity.  Index arrays count nodes from 0 in scene order; SI units; coordinates are always 3D (x, y, z).
 
@@ -150,6 +150,19 @@ class Model:
         for names, shape in shapes.items():
             for name in names.split():
                 self._set(name, array_of(name, getattr(self, name), shape))
+
+    def __eq__(self, other):
+        """Whether all of it is the same, to the last bit."""
+        return self._content == other._content if type(other) is type(self) else NotImplemented
+
+    def __hash__(self):
+        return hash(self._content)
+
+    @property
+    def _content(self) -> tuple:
+        """What two equal models have in common, in texts and numbers."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return tuple((value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value for value in values)
 
     def _set(self, name: str, value):
         """In place of what was given, an array for good."""

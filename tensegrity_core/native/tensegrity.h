@@ -62,6 +62,10 @@ TS_API int32_t ts_input_count(const ts_sim *sim);
 TS_API double *ts_slopes(ts_sim *sim);
 TS_API double ts_time(const ts_sim *sim); /* s */
 TS_API const char *ts_message(const ts_sim *sim);
+
+/* After TS_BAD_INPUT: the place of the value that was refused, as ts_check() counts it, and ts_message() goes on from its name.
+ * Or -1: the message stands alone. */
+TS_API int32_t ts_concerned(const ts_sim *sim);
 TS_API const char *ts_status_name(int status);
 
 /* Inputs, parameters and state as ts_create() left them. */

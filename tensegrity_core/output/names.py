@@ -28,7 +28,7 @@ SHARES = (0.5, 0.42, 0.58, 0.34, 0.66, 0.26, 0.74)
 COVERED, CROSSED, LATER = 3.0, 1.0, 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Place:
     """share: of the way between the ends of what is named; offset: (2,) from there to the middle of the name, points."""
 

@@ -11,7 +11,7 @@ from .forces import equilibrium_matrix
 from .matrices import RANK_TOLERANCE, null_space, require_small
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Analysis:
     """What the equilibrium matrix says about a structure.
 

@@ -147,3 +147,21 @@ def test_a_new_scenes_file_has_a_name_that_a_scene_may_have(tmp_path, capsys, mo
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mast", "--output", "a b.toml"]) == 2
     assert "must be an identifier; name it as in mast_1.toml" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("home", [None, "", "/", "no_such_folder"])
+def test_completion_goes_to_a_home_that_is_there(home, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def nobodys():
+        raise RuntimeError("Could not determine home directory.")
+
+    if home is None:
+        monkeypatch.setattr("pathlib.Path.home", nobodys)
+    else:
+        monkeypatch.setenv("HOME", home)
+        monkeypatch.setenv("USERPROFILE", home)
+    assert main(["--install-completion"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("set HOME, or put what --show-completion prints where the shell reads it")
+    assert not list(tmp_path.iterdir())

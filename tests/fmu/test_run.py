@@ -44,6 +44,39 @@ def test_start_values_reach_the_fmu(folder, capsys):
     assert ends[0] != ends[1] == ends[2]
 
 
+def test_names_may_be_flat_or_structured(folder, tmp_path):
+    """Whichever the FMU has, and whichever the file."""
+    assert (
+        main(["build", "three_bar_nsh", "--no-validate", "--runtime", "native", "--naming", "flat", "--output", str(tmp_path)])
+        == 0
+    )
+    flat = INPUTS.partition("\n")[0].replace(".", "_") + INPUTS[INPUTS.index("\n") :]
+    (tmp_path / "flat.csv").write_text(flat, encoding="utf-8")
+    ends = []
+    for fmu in (folder, tmp_path):
+        for inputs in (folder / "in.csv", tmp_path / "flat.csv"):
+            words = ["run", str(fmu / "native" / "three_bar_nsh.fmu"), "--inputs", str(inputs), *SHORT]
+            assert main([*words, "--set", "b1.mass=2", "b2_mass=3", "--output", str(tmp_path / "run.csv")]) == 0
+            ends.append((tmp_path / "run.csv").read_text(encoding="utf-8").partition("\n")[2])
+    assert ends[0] == ends[1] == ends[2] == ends[3] and len(ends[0].splitlines()) == 16
+
+
+@pytest.mark.parametrize("runtime, options", [("native", ()), ("python", ()), ("native", ("--simple-types",))])
+def test_a_method_is_set_by_its_name(runtime, options, tmp_path, capsys):
+    build = ["build", "two_bar", "--no-validate", "--runtime", runtime, *options, "--output", str(tmp_path)]
+    assert main(build) == 0
+    ends = {}
+    for method in ("rk4", "4", "radau9"):
+        capsys.readouterr()
+        fmu = str(tmp_path / runtime / "two_bar.fmu")
+        assert main(["run", fmu, "--set", f"solver.method={method}", "s1.rest_length=0.8", *SHORT, "--json"]) == 0
+        ends[method] = json.loads(capsys.readouterr().out)["outputs"]["n4.z"]
+    assert ends["rk4"] == ends["4"] != ends["radau9"]
+    for text, told in {"rk5": "did you mean rk4?", "1.5": "takes whole numbers only", "9": "refused"}.items():
+        assert main(["run", fmu, "--set", f"solver.method={text}", *SHORT]) == 2
+        assert told in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "words, told",
     [
@@ -56,12 +89,14 @@ def test_start_values_reach_the_fmu(folder, capsys):
         (["FMU", "--inputs", "typing.csv"], "did you mean n4.force.z?"),
         (["FMU", "--inputs", "other.csv"], "no column is an input of three_bar_nsh"),
         (["FMU", "--inputs", "negative.csv"], "s4.rest_length"),
+        (["FMU", "--inputs", "twice.csv"], "column n4_force_z stands twice"),
         (["FMU", "--output", "run.txt"], "does not end in .nc or .parquet or .csv"),
     ],
 )
 def test_what_is_wrong_is_named_and_nothing_is_written(words, told, folder, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     (folder / "typing.csv").write_text("time,n4.force.zz,n5.force.z\n0,1,1\n", encoding="utf-8")
+    (folder / "twice.csv").write_text("time,n4.force.z,n4_force_z\n0,1,1\n", encoding="utf-8")
     (folder / "other.csv").write_text("time,n4.z\n0,1\n", encoding="utf-8")
     (folder / "negative.csv").write_text("time,s4.rest_length\n0,-1\n", encoding="utf-8")
     before = sorted(folder.rglob("*"))

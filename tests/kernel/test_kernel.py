@@ -452,7 +452,7 @@ def test_fixed_parameters_are_fixed(field, value):
     k = Kernel(scene("three_bar"))
     k.initialize()
     k[field][0] = value
-    with pytest.raises(InputError, match="fixed parameter"):
+    with pytest.raises(InputError, match="is fixed, and was changed"):
         k.step(0.01)
     k.initialize()
     k.step(0.01)
@@ -497,8 +497,20 @@ def test_a_rest_length_that_would_become_negative_is_refused():
     k.initialize()
     k["rest_length_rate"][2] = -2.0
     k.step(0.1)
-    with pytest.raises(InputError, match="negative within the step"):
+    with pytest.raises(InputError, match="negative within the step") as failure:
         k.step(10.0)
+    assert k.place(failure.value.index) == ("rest_length", 2)
+    k["rest_length_rate"][2] = 0.0
+    for name, told in {"bar_mass": "is fixed", "method": "is fixed"}.items():
+        before = k[name][0].item()
+        k[name][0] = before + 1
+        with pytest.raises(InputError, match=f"{name}.0. = .* {told}") as failure:
+            k.step(0.1)
+        assert k.place(failure.value.index) == (name, 0)
+        k[name][0] = before
+    k.slopes[0, 5] = np.nan
+    with pytest.raises(InputError, match="force.5. = 0.0 has a derivative that is not a finite number"):
+        k.step(0.1)
 
 
 @pytest.mark.parametrize("name", ["three_bar", "three_bar_nsh", "two_bar_nsh", "six_bar"])

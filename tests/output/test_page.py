@@ -198,6 +198,22 @@ def test_the_command_plays_a_run_back(tmp_path, monkeypatch, capsys):
     assert run["instants"] == 21 and run["transitions"] is None
 
 
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@pytest.mark.parametrize("other", ["three_bar", "two_bar_nsh", "two_bar_wide"])
+def test_a_run_of_another_structure_is_refused(other, suffix, tmp_path, monkeypatch, capsys):
+    """One with other nodes, with other strings, and with all names alike."""
+    monkeypatch.chdir(tmp_path)
+    wide = 'extends = "two_bar"\nprestress.tension.s3 = 20.0\n[nodes]\nn3 = [900.0e-3, 0.985]\nn4 = [100.0e-3, 0.985]\n'
+    (tmp_path / "two_bar_wide.toml").write_text(wide, encoding="utf-8")
+    assert main(["simulate", "two_bar", "--duration", "0.1", "--output", f"run.{suffix}"]) == 0
+    before = sorted(tmp_path.iterdir())
+    capsys.readouterr()
+    assert main(["view", f"run.{suffix}", "--scene", f"{other}.toml" if other == "two_bar_wide" else other]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"is no run of {other}: " in line and line.endswith("name the scene that was simulated: --scene SCENE")
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def test_files_that_are_none_are_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name in ("bad.fmu", "bad.npz"):

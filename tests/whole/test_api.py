@@ -187,6 +187,19 @@ def test_tables_and_series_are_inputs_too():
         (lambda: tc.load("two_bar", {1: 2}), "no dictionary by places"),
         (lambda: tc.load("two_bar", "gravity=0"), "no dictionary by places"),
         (lambda: tc.load("two_bar", {"extends": "three_bar"}), "another scene is not a change"),
+        (lambda: tc.load("two_bar", {"bars": {}}), "bars = {} changes nothing; name a value in it, as in bars.b1.mass"),
+        (lambda: tc.load("two_bar", {"bars": {"b1": {}}}), "bars.b1 = {} changes nothing"),
+        (lambda: tc.load("two_bar", {"bars.b1.mass": 2.0, "bars": {"b1": {"mass": 3.0}}}), "bars and what lies in it"),
+        (lambda: tc.simulate("two_bar", {"s1.rest_length": -1.0}), "s1.rest_length = -1.0 must not be negative (at t = 0 s)"),
+        (lambda: tc.simulate("two_bar", {"s1.rest_length": ([0.0, 1.0], [0.9, -0.1])}, 1.0, 0.1), "s1.rest_length = "),
+        (lambda: tc.simulate("two_bar", tolerance=5.0), "tolerance = 5.0 must lie between 1e-14 and 0.1"),
+        (lambda: tc.simulate("two_bar", max_step=-3.0), "max_step = -3.0 must not be negative"),
+        (lambda: tc.simulate("two_bar", {"n4.force.z": np.nan}), "n4.force.z = nan is not a finite number"),
+        (lambda: tc.simulate("two_bar", duration=1e12), "takes 1e+14 samples, more than 10000000; shorten it"),
+        (lambda: tc.simulate("two_bar", duration=1e300, step=1e-300), "takes inf samples"),
+        (lambda: tc.simulate("two_bar", duration=0.1).save("a\0.csv"), "'a\\x00.csv' cannot be written: embedded null byte"),
+        (lambda: tc.simulate("two_bar", duration=0.1).save("\ud800.csv"), "cannot be written: "),
+        (lambda: tc.simulate("two_bar", duration=0.1).save("a" * 300 + ".csv"), "cannot be written: File name too long"),
         (lambda: tc.simulate("two_bar", 5), "give a dictionary by name"),
         (lambda: tc.simulate("two_bar", {1: 1.0}), "1 is no input of two_bar"),
         (lambda: tc.simulate("two_bar", pd.DataFrame({"n4.force.z": [1.0]})), "no column `time`"),
@@ -233,6 +246,38 @@ def test_a_scene_is_varied_by_the_places_in_its_file():
         tc.load("two_bar", {"materials.cable.stiffness": -1.0})
     with pytest.raises(InputError, match="load the scene with them"):
         tc.load(model, {"gravity": 0.0})
+
+
+def test_changes_are_left_as_they_were_given():
+    given = {"bars": {"b1": {"mass": 1.5}}, "bars.b2.mass": 1.5}
+    assert tc.load("two_bar", given).bar_mass.tolist() == [1.5, 1.5]
+    assert given == {"bars": {"b1": {"mass": 1.5}}, "bars.b2.mass": 1.5}
+
+
+@pytest.mark.parametrize(
+    "path", ["a" * 5000, "a" * 5000 + ".toml", "a\0.toml", "", ".", "/", "/dev/null", "\ud800.toml", 5, b"x"]
+)
+def test_what_can_be_no_scene_is_an_error_of_the_project(path):
+    with pytest.raises(SceneError) as failure:
+        tc.load(path)
+    told = str(failure.value)
+    assert len(told) <= 1500 and ("built-in scene" in told or "readable file" in told)
+
+
+def test_series_that_memory_does_not_take_are_refused_before_they_are_made(monkeypatch):
+    monkeypatch.setattr("tensegrity_core.model.inputs._memory", lambda: 5e5)
+    with pytest.raises(InputError, match=r"the series of two_bar at 1001 samples take .* GB, this machine has 0.0005 GB"):
+        tc.simulate("two_bar", duration=10.0)
+    assert len(tc.simulate("two_bar", duration=1.0)["time"]) == 101
+
+
+def test_names_in_a_file_may_be_flat(tmp_path):
+    (tmp_path / "in.csv").write_text("time,n4_force_z,s1_length\n0,5,1\n", encoding="utf-8")
+    expected = tc.simulate("two_bar", {"n4.force.z": 5.0}, **SHORT)
+    xr.testing.assert_equal(tc.simulate("two_bar", tmp_path / "in.csv", **SHORT).data, expected.data)
+    (tmp_path / "in.csv").write_text("time,n4_force_z,n4.force.z\n0,5,5\n", encoding="utf-8")
+    with pytest.raises(InputError, match="n4.force.z stands twice, under a structured and a flat name"):
+        tc.simulate("two_bar", tmp_path / "in.csv", **SHORT)
 
 
 @pytest.mark.parametrize(

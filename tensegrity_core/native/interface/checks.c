@@ -17,15 +17,15 @@ static const struct {
 #undef ROW
 };
 
-/* Is a value of this field acceptable? */
-static int accept(ts_sim *sim, int field, double x)
+/* Is this value of a field acceptable? */
+static int accept(ts_sim *sim, int field, int32_t index)
 {
-    double low = bounds[field].low, high = bounds[field].high;
+    double x = sim->io.values[index], low = bounds[field].low, high = bounds[field].high;
     char between[64];
     if (isfinite(x) && x >= low && x <= high) return TS_OK;
-    if (!isfinite(x)) return ts_say(sim, TS_BAD_INPUT, "is not a finite number");
+    if (!isfinite(x)) return ts_refuse(sim, index, "is not a finite number");
     snprintf(between, sizeof between, "must lie between %g and %g", low, high);
-    return ts_say(sim, TS_BAD_INPUT, high < DBL_MAX ? between : low > 0.0 ? "must be positive" : "must not be negative");
+    return ts_refuse(sim, index, high < DBL_MAX ? between : low > 0.0 ? "must be positive" : "must not be negative");
 }
 
 /* Only a law with memory knows beams that are not metastable.  The first that is not where it must be, or -1. */
@@ -57,7 +57,7 @@ static int check_fields(ts_sim *sim, int end, int32_t *index)
     const ts_model *m = &sim->m;
     for (int f = 0; f < end; f++)
         for (int i = m->at[f]; i < m->at[f + 1]; i++) {
-            if (accept(sim, f, sim->io.values[i]) == TS_OK) continue;
+            if (accept(sim, f, i) == TS_OK) continue;
             *index = i;
             return TS_BAD_INPUT;
         }
@@ -69,11 +69,11 @@ int ts_check(ts_sim *sim, int32_t *index)
     const ts_model *m = &sim->m;
     int method = sim->io.integers[m->int_at[TS_INT_METHOD]], status = check_fields(sim, TS_POSITION, index);
     if (status != TS_OK) return status;
-    if ((*index = wrong_beam(sim)) >= 0) return ts_say(sim, TS_BAD_INPUT, "must lie between 2 and 8 (a metastable beam)");
+    if ((*index = wrong_beam(sim)) >= 0) return ts_refuse(sim, *index, "must lie between 2 and 8 (a metastable beam)");
     if ((*index = wrong_mass(sim)) >= 0)
-        return ts_say(sim, TS_BAD_INPUT, "must be positive: the node is on no bar and has no other mass");
+        return ts_refuse(sim, *index, "must be positive: the node is on no bar and has no other mass");
     *index = m->n_real + m->int_at[TS_INT_METHOD];
-    return method < 0 || method >= TS_METHOD_COUNT ? ts_say(sim, TS_BAD_INPUT, "is not a method") : TS_OK;
+    return method < 0 || method >= TS_METHOD_COUNT ? ts_refuse(sim, *index, "is not a method") : TS_OK;
 }
 
 /* Smallest rest length of a string within the step, m: at an end, or where its rate, a quadratic, is zero. */
@@ -88,6 +88,17 @@ static double shortest_rest_length(const ts_rest *rest, int i, double h)
     return least;
 }
 
+/* The first fixed parameter that is no longer what it was at the start, or -1. */
+static int32_t changed_parameter(const ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    int same = 1, method = m->int_at[TS_INT_METHOD];
+    for (int i = m->at[TS_BAR_MASS]; i < m->n_applied; i++) same = same && sim->io.values[i] == sim->io.applied[i];
+    for (int i = m->at[TS_BAR_MASS]; !same; i++)
+        if (sim->io.values[i] != sim->io.applied[i]) return i;
+    return sim->io.integers[method] == sim->memory.method ? -1 : m->n_real + method;
+}
+
 /* Inputs and parameters that differ from those of the last step: are they acceptable? */
 int ts_check_change(ts_sim *sim, double h)
 {
@@ -95,18 +106,19 @@ int ts_check_change(ts_sim *sim, double h)
     int32_t index;
     int status = check_fields(sim, TS_BAR_MASS, &index); /* those behind it must not change */
     if (status != TS_OK) return status;
-    int same = sim->io.integers[m->int_at[TS_INT_METHOD]] == sim->memory.method;
-    if (!ts_all_finite(sim->io.slopes, 2 * m->n_inputs))
-        return ts_say(sim, TS_BAD_INPUT, "the derivative of an input is not a finite number");
-    for (int i = m->at[TS_BAR_MASS]; i < sim->m.n_applied; i++) same = same && sim->io.values[i] == sim->io.applied[i];
-    if (!same) return ts_say(sim, TS_BAD_INPUT, "a fixed parameter was changed after initialization");
+    for (int i = 0; !ts_all_finite(sim->io.slopes, 2 * m->n_inputs); i++)
+        if (!isfinite(sim->io.slopes[i]))
+            return ts_refuse(sim, i % m->n_inputs, "has a derivative that is not a finite number");
+    index = changed_parameter(sim);
+    if (index >= 0) return ts_refuse(sim, index, "is fixed, and was changed after initialization");
     for (int i = 0; m->string.curved_count && i < m->count[TS_S]; i++)
         if (sim->laws.curve[i].branches && sim->io.values[m->at[TS_STIFFNESS] + i] != sim->io.applied[m->at[TS_STIFFNESS] + i])
-            return ts_say(sim, TS_BAD_INPUT,
-                          "the stiffness of a string with memory (the hysteretic law) was changed after initialization");
+            return ts_refuse(
+                sim, m->at[TS_STIFFNESS] + i,
+                "was changed after initialization, which a string with memory (the hysteretic law) does not allow");
     for (int i = 0; i < m->count[TS_S]; i++)
         if (sim->rest.moves && shortest_rest_length(&sim->rest, i, h) < -4.0 * DBL_EPSILON * sim->rest.length[i])
-            return ts_say(sim, TS_BAD_INPUT, "a rest length would become negative within the step");
+            return ts_refuse(sim, m->at[TS_REST_LENGTH] + i, "would become negative within the step; let it shorten less");
     return TS_OK;
 }
 

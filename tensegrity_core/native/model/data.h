@@ -195,6 +195,7 @@ typedef struct {
     ts_transition *transitions; /* (TS_MAX_TRANSITIONS) */
     int64_t count;              /* of all transitions, stored or not */
     char message[256];
+    int32_t concerned; /* index of the value that the message is about, -1: none */
 } ts_told;
 
 /* What a call that fails restores: interface/. */

@@ -10,16 +10,20 @@ import numpy as np
 from ...errors import InputError
 from ...fields import outputs
 from ...model import Model, Result, Transition
-from ...model.components import names, spread
+from ...model.components import full_shape, names, spread
 
 #: Suffixes of such files.
 SUFFIXES = (".csv", ".npz")
+#: How far a bar's length may be from the model's, relative; a run of the model keeps it to round-off.
+BAR_ERROR = 1e-6
 
 
 def result_of_file(path: Path, model: Model) -> Result:
     """The result of a .csv or .npz file of this model's run; a .csv file has no transitions.  Raises InputError."""
     try:
-        return _from_csv(path, model) if path.suffix.lower() == ".csv" else _from_npz(path, model)
+        result = _from_csv(path, model) if path.suffix.lower() == ".csv" else _from_npz(path, model)
+        _require_bars(path, model, result)
+        return result
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as failure:
         raise InputError(f"result = {str(path)!r} cannot be read: {failure}; write it anew: tensegrity simulate") from None
 
@@ -30,10 +34,14 @@ def _from_csv(path: Path, model: Model) -> Result:
         rows = np.loadtxt(file, delimiter=",", ndmin=2)
     columns = dict(zip(header, rows.T))
     wanted = {field.name: names(field, model) for field in outputs()}
-    missing = [name for group in (["time"], *wanted.values()) for name in group if name not in columns]
-    if missing or not len(rows):
-        what = f"has no column {missing[0]!r} of {model.name}" if missing else "has no rows"
-        raise InputError(f"result = {str(path)!r} {what}; name the scene that it is a run of: --scene SCENE")
+    known = ["time", *(name for group in wanted.values() for name in group)]
+    missing, odd = ([name for name in one if name not in other] for one, other in ((known, columns), (columns, known)))
+    if missing:
+        raise _of_another(path, model, f"it has no column {missing[0]!r}")
+    if odd:
+        raise _of_another(path, model, f"its column {odd[0]!r} is none of {model.name}'s")
+    if not len(rows):
+        raise InputError(f"result = {str(path)!r} has no rows; write it anew: tensegrity simulate")
     found = {}
     for field in outputs():
         flat = np.array([columns[name] for name in wanted[field.name]]).reshape(-1, len(rows)).T
@@ -46,7 +54,26 @@ def _from_npz(path: Path, model: Model) -> Result:
         for kind in ("node", "bar", "string"):
             given, known = stored[f"{kind}_names"].tolist(), list(getattr(model, f"{kind}_names"))
             if given != known:
-                problem = f"has the {kind}s {', '.join(given)}, {model.name} has {', '.join(known)}"
-                raise InputError(f"result = {str(path)!r} {problem}; name the scene that it is a run of: --scene SCENE")
+                raise _of_another(path, model, f"it has the {kind}s {', '.join(given)}, the scene has {', '.join(known)}")
+        for field in outputs():
+            if np.shape(stored[field.name])[1:] != full_shape(field, model):
+                raise _of_another(path, model, f"its series {field.name!r} has another shape")
         transitions = [Transition(*row) for row in stored["transitions"].tolist()]
         return Result(stored["times"], transitions, {}, **{field.name: stored[field.name] for field in outputs()})
+
+
+def _require_bars(path: Path, model: Model, result: Result) -> None:
+    """Bars are rigid: a run of the model has them as long as they are there.  Raises InputError."""
+    ends = result.position[:, model.bars]
+    length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1)
+    wrong = np.flatnonzero(~(np.abs(length - model.bar_length) <= BAR_ERROR * model.bar_length).all(axis=0))
+    if len(wrong):
+        i = int(wrong[0])
+        told = f"{model.bar_names[i]} is {length[0, i]:.6g} m long in it, {model.bar_length[i]:.6g} m in the scene"
+        raise _of_another(path, model, told)
+
+
+def _of_another(path: Path, model: Model, why: str) -> InputError:
+    return InputError(
+        f"result = {str(path)!r} is no run of {model.name}: {why}; name the scene that was simulated: --scene SCENE"
+    )

@@ -23,9 +23,10 @@ from fmu_src.packing.libraries import here
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.validation import outside
 from fmu_src.validation.scenarios import pushed_node
-from fmu_src.variables.interface import flat, variables
+from fmu_src.variables.interface import variables
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.model.components import flat
 from tensegrity_core.native import build
 from tests.support import changed, scene
 

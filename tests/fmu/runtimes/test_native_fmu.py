@@ -17,6 +17,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -1201,6 +1202,18 @@ def test_events_say_what_they_mean_and_both_runtimes_say_it_alike(pair):
     assert both == python and len(both) > 20
     for ending in (", slack", ", taut", ", 1 snapped", ", 3 snapped"):
         assert any(line.endswith(ending) for line in both), ending
+
+
+def test_both_runtimes_name_the_value_that_a_step_refuses(pair):
+    lines = []
+    for one in pair("three_bar"):
+        one.start()
+        one.set({"s2.rest_length": 0.25, "s2.rest_length_rate": -50.0})
+        with pytest.raises(FMICallException):
+            one.fmu.doStep(0.0, 0.01)
+        lines.append(one.messages[-1][2])
+    assert lines[0] == lines[1]
+    assert "s2.rest_length = 0.25 would become negative within the step" in lines[0]
 
 
 def test_nothing_is_read_where_no_start_can_be_computed(both):

@@ -9,9 +9,10 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from fmu_src.packing.pack import pack_python_fmu
-from fmu_src.variables.interface import flat, variables
+from fmu_src.variables.interface import variables
 from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
+from tensegrity_core.model.components import flat
 from tensegrity_core.scene import builtin_scenes
 from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, built
