@@ -17,6 +17,7 @@ PAGES = (
     "article.equilibrium_paths",
     "article.experiments",
     "article.memory",
+    "coupling.run",
     "importers.run",
     "speed.fmu_speed",
     "speed.growth",

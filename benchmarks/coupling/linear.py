@@ -6,6 +6,7 @@ a linear map of all states, and of the inputs that outputs remember; its spectra
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,6 +84,7 @@ class LinearUnit:
         self.x, self.u = saved[0].copy(), saved[1].copy()
 
 
+@cache
 def linear_structure() -> Blocks:
     """M q'' + C q' + K q = growth^T (k xi0 + d xi0'), of deviations from the start."""
     model = structure()
@@ -163,6 +165,18 @@ class Coupling:
         """Its size."""
         return abs(self.multiplier(h))
 
+    def contraction(self, h: float) -> float:
+        """The factor by which the ends of a step change from sweep to sweep: repeating a step settles while it is below 1."""
+        places = [(name, output) for name, outputs in self.master.outputs.items() for output in outputs]
+        still = {name: dict.fromkeys(outputs, 0.0) for name, outputs in self.master.outputs.items()}
+        columns = []
+        for place in places:
+            known = {name: {output: float((name, output) == place) for output in outputs} for name, outputs in still.items()}
+            self._set(np.zeros(sum(unit.x.size + unit.u.size for unit in self.units.values())))
+            ends = self.master.sweep(0.0, h, (still, still), known)
+            columns.append([ends[name][output] for name, output in places])
+        return float(np.abs(np.linalg.eigvals(np.array(columns))).max())
+
 
 def largest_step(coupling: Coupling, steps: np.ndarray) -> float | None:
     """The communication step, s, at which the growth first passes 1, found between these; None where it does not."""
@@ -175,21 +189,25 @@ def largest_step(coupling: Coupling, steps: np.ndarray) -> float | None:
 
 
 #: Of the small motion by which growth is seen: how far the targets lie off, m, and the size at which it counts as large.
-NUDGE, LARGE = 1e-7, 1e-5
-#: Communication steps over which it is seen, and how many the first motion takes to die out.
-WATCHED, FIRST = 60, 20
+NUDGE, LARGE = 1e-7, 1e-4
+#: Communication steps over which it is seen, those that the first motion takes to die out, and the fewest that say something.
+WATCHED, FIRST, FEWEST = 60, 20, 8
 
 
 def seen_growth(fmus: dict[str, Path], scheme: Scheme, h: float) -> float:
-    """What `growth` foretells, seen in FMUs: the factor per step by which the heights part from targets next to the start.
+    """What `growth` foretells, seen in FMUs: the factor per step by which the heights part from targets next to the start; nan
+    where they have done so within a few steps.
 
-    A straight line is laid through the logarithms of the deviations, of which each is the largest of ten steps.
+    A straight line is laid through the logarithms of the deviations, of which each is the largest of several steps.
     """
     small = plan(system.LOOP._replace(load=(0.0, 0.0, 0.0), raised=NUDGE))
     heights, _ = run(small, fmus, scheme._replace(settled=1e-15), h, WATCHED)
     size = np.abs(heights - heights[0] - NUDGE).max(axis=1)
     within = size[: np.argmax(size > LARGE) or None]
-    crests = np.array([within[k : k + 10].max() for k in range(FIRST if len(within) > FIRST + 15 else 2, len(within) - 10)])
+    if len(within) < FEWEST:
+        return float("nan")
+    first, several = (FIRST, 10) if len(within) > FIRST + 20 else (len(within) // 4, len(within) // 4)
+    crests = np.array([within[k : k + several].max() for k in range(first, len(within) - several + 1)])
     return float(np.exp(np.polyfit(np.arange(len(crests)), np.log(crests), 1)[0]))
 
 
@@ -202,10 +220,25 @@ class Margin(NamedTuple):
     phase: float
 
 
+def effect(loop: Loop, s: complex) -> complex:
+    """What the coupling multiplies the open loop by, where exp(s t) is a motion of the coupled system: exp(-s tau) for a delay
+    tau."""
+    factors = -1.0 / np.linalg.eigvals(open_loop(loop, s))
+    return complex(factors[np.argmin(np.abs(np.log(factors)))])
+
+
+def delay_in_steps(coupling: Coupling, loop: Loop, h: float) -> float:
+    """The delay in all measurements, in steps h, that would shift the loop's slowest motion as the coupling does."""
+    found = np.linalg.eigvals(coupling.step_map(h))
+    rates = np.log(found[np.abs(found) > 1e-9]) / h
+    s = complex(rates[np.argmin(np.abs(rates))])
+    return float((-np.log(effect(loop, s)) / s).real / h)
+
+
 def delay_margin(loop: Loop) -> Margin:
     """Of the loop without any coupling error: where an eigenvalue of its open-loop matrix has size 1."""
     frequencies = np.geomspace(0.1, 1e3, 4000)
-    loci = np.array([np.sort_complex(np.linalg.eigvals(open_loop(loop, w))) for w in frequencies])
+    loci = np.array([np.sort_complex(np.linalg.eigvals(open_loop(loop, 1j * w))) for w in frequencies])
     found = []
     for locus in loci.T:
         for i in np.flatnonzero((np.abs(locus[:-1]) >= 1.0) & (np.abs(locus[1:]) < 1.0)):
@@ -214,10 +247,10 @@ def delay_margin(loop: Loop) -> Margin:
     return min(found)
 
 
-def open_loop(loop: Loop, frequency: float) -> np.ndarray:
-    """(3, 3): from heights around to heights, without the minus of the feedback, at s = i frequency."""
-    s, plant, controller = 1j * frequency, linear_structure(), linear_controller(loop)
-    by_rest = _transfer(plant, s)[:, :3] + s * _transfer(plant, s)[:, 3:]
+def open_loop(loop: Loop, s: complex) -> np.ndarray:
+    """(3, 3): from heights around to heights, without the minus of the feedback."""
+    plant, controller = _transfer(linear_structure(), s), linear_controller(loop)
+    by_rest = plant[:, :3] + s * plant[:, 3:]
     return -by_rest / (loop.time_constant * s + 1.0) @ _transfer(controller, s)
 
 

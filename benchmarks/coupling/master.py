@@ -161,7 +161,7 @@ class Master:
             if sweep:
                 for name, unit in self.units.items():
                     unit.restore(saved[name])
-            before, ends = ends, self._sweep(time, h, begin, ends)
+            before, ends = ends, self.sweep(time, h, begin, ends)
             self.sweeps_taken += 1
             if before and _change(before, ends) <= self.scheme.settled:
                 break
@@ -170,7 +170,7 @@ class Master:
                 unit.forget(state)
         self.steps_taken += 1
 
-    def _sweep(self, time: float, h: float, begin, known: dict[str, dict]) -> dict[str, dict]:
+    def sweep(self, time: float, h: float, begin, known: dict[str, dict]) -> dict[str, dict]:
         """All units over one step; known: ends of the step that an earlier sweep reached.  Returns the ends."""
         reached: dict[str, dict] = {}
         for name, unit in self.units.items():

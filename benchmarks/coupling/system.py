@@ -5,17 +5,21 @@
 
 from __future__ import annotations
 
+import argparse
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
 from fmu_src.packing.native_fmu import pack_native_fmu
+from tensegrity_core.errors import TensegrityError, shown
+from tensegrity_core.files import scratch
 from tensegrity_core.model import Model
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 
 from . import blocks
 
-SCENE = "three_bar"
+NAME, SCENE = "height_control", "three_bar"
 #: Top node -> the top string that lifts it most when it is shortened.
 PAIRS = {"n4": "s6", "n5": "s4", "n6": "s5"}
 
@@ -111,3 +115,26 @@ def pack(folder: Path) -> dict[str, Path]:
     }
     winch = blocks.pack(blocks.WINCH, folder / "winch.fmu")
     return {name: files.get(name, winch) for name in plan().units}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the system as an SSP archive."""
+    from . import ssp  # which builds on this module
+
+    parser = argparse.ArgumentParser(description="Write the height control of three_bar as an SSP archive.")
+    parser.add_argument("--output", type=Path, default=Path(f"{NAME}.ssp"), help="the file; %(default)s")
+    parser.add_argument("--ssp", choices=ssp.VERSIONS, default=ssp.VERSIONS[0], help="version of SSP; %(default)s")
+    parser.add_argument("--stop-time", type=float, default=2.0, help="of the default experiment, s; %(default)s")
+    options = parser.parse_args(arguments)
+    try:
+        with scratch() as folder:
+            path = ssp.write(options.output, NAME, plan(), pack(folder), options.stop_time, options.ssp)
+    except (TensegrityError, OSError, RuntimeError) as error:
+        print(f"error: {shown(str(error))}", file=sys.stderr)
+        return 2
+    print(f"wrote {path}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

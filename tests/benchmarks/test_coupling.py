@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import ast
+import zipfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from fmpy.ssp.ssd import find_components, read_ssd
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from benchmarks.coupling import blocks, linear, master, monolithic, system
+from benchmarks.coupling import blocks, linear, master, monolithic, run, ssp, system, tools
 
 DURATION = 0.6
 
@@ -94,6 +99,71 @@ def test_a_winch_is_exact_whatever_the_step(parts):
     )
     np.testing.assert_allclose(ends[0][:, 0], solved.y[0], atol=1e-8)
     assert np.ptp(ends[0][:, 1]) == pytest.approx(0.2), "both limits were reached"
+
+
+@pytest.fixture(params=ssp.VERSIONS)
+def archive(request, parts, tmp_path):
+    return ssp.write(tmp_path / "ü #1" / "height.ssp", "height", system.plan(), parts, 2.0, request.param), request.param
+
+
+def wires(read):
+    """fmpy's own get_connections adds some that the description has not."""
+    ends = ("startElement", "startConnector", "endElement", "endConnector")
+    return tuple(system.Wire(*(getattr(connection, end) for end in ends)) for connection in read.system.connections)
+
+
+def test_an_ssp_is_the_plan_and_its_fmus(archive, parts):
+    """As fmpy reads it; version 1.0 by the schemas that come with it, too."""
+    path, version = archive
+    read = read_ssd(str(path), validate=version == "1.0")
+    assert (read.version, read.name) == (version, "height")
+    plan, components = system.plan(), {one.name: one for one in find_components(read.system)}
+    assert tuple(components) == plan.units
+    assert wires(read) == plan.wires
+    with zipfile.ZipFile(path) as file:
+        for name, one in components.items():
+            assert file.read(one.source) == parts[name].read_bytes()
+            (binding,) = one.parameterBindings
+            (values,) = binding.parameterValues
+            assert values.name == ssp.PARAMETERS
+            assert {parameter.name: float(parameter.value) for parameter in values.parameters} == plan.start[name]
+
+
+def test_an_ssp_runs_in_fmpy_as_the_plan_does(archive, parts, whole, tmp_path):
+    """From the archive alone: FMUs, connections and start values as fmpy reads them."""
+    path, version = archive
+    read = read_ssd(str(path), validate=version == "1.0")
+    with zipfile.ZipFile(path) as file:
+        file.extractall(tmp_path / "unpacked")
+    components = find_components(read.system)
+    start = {
+        one.name: {p.name: float(p.value) for p in one.parameterBindings[0].parameterValues[0].parameters} for one in components
+    }
+    files = {one.name: tmp_path / "unpacked" / one.source for one in components}
+    found, _ = master.run(system.plan()._replace(start=start, wires=wires(read)), files, master.SCHEMES["jacobi"], 0.01, 20)
+    mine, _ = master.run(system.plan(), parts, master.SCHEMES["jacobi"], 0.01, 20)
+    np.testing.assert_array_equal(found, mine)
+
+
+def test_the_command_writes_the_archive(tmp_path, capsys, monkeypatch):
+    assert system.main(["--output", str(tmp_path / "one.ssp"), "--ssp", "1.0"]) == 0
+    assert read_ssd(str(tmp_path / "one.ssp")).version == "1.0"
+    monkeypatch.setenv("CC", "no-such-compiler")
+    assert system.main(["--output", str(tmp_path / "two.ssp")]) == 2
+    assert "no-such-compiler" in capsys.readouterr().err and not (tmp_path / "two.ssp").exists()
+
+
+def test_the_page_comes_from_its_data():
+    path = Path(__file__).resolve().parents[2] / "docs"
+    data = run.PAGE.read(path / "coupling.json")
+    assert (path / run.PAGE.file).read_text(encoding="utf-8") == run.report(data)
+    assert [round(run.order(data["schemes"][name])) for name in master.SCHEMES] == [0, 1, 1, 2, 2, 2]
+    assert run.parted(data) < 0.02
+    for row in data["tools"]:
+        assert {"libcosim": True, "ecos": row["ssp"] == "1.0"}[row["tool"]] == bool(row["errors"])
+        assert max(row["apart"], default=0.0) < 1e-9
+    for driver in tools.OF:
+        ast.parse((tools.DRIVERS / f"{driver}.py").read_text(encoding="utf-8"))
 
 
 def test_blocks_refuse_what_they_do_not_know(parts):

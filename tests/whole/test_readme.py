@@ -51,6 +51,7 @@ WRITTEN = {
     "docs/fmu.md": ("dist/native/three_bar_nsh.fmu",),
     "docs/python-api.md": ("lifted.nc", "n4.png", "dist/native/three_bar_nsh.fmu"),
     "docs/command-line.md": ("mast.csv", "scene.schema.json", "dist/native/mast.fmu", "check.json", "path.json"),
+    "docs/coupling.md": ("height_control.ssp",),
     "docs/view.md": ("three_bar_nsh.html", "lifted.html", "run.html"),
     "docs/equilibrium-paths.md": ("path.svg", "path.csv", "modes.svg", "modes.csv"),
 }
