@@ -124,13 +124,24 @@ def units(loop: Loop, of: Plan) -> dict[str, LinearUnit]:
     return {name: found.get(name) or LinearUnit(linear_winch(loop), {}) for name in of.units}
 
 
+class Fresh(Master):
+    """A master that hands the winches their commands before it asks for their rates, as FMI allows for outputs that depend on
+    inputs directly."""
+
+    def look(self) -> tuple[dict, dict]:
+        for name in self.units:
+            for feed in self.feeds[name] if "command" in self.units[name].blocks.inputs else []:
+                self.units[name].put(feed.inputs, self.units[feed.source].get(feed.outputs), None)
+        return super().look()
+
+
 class Coupling:
     """The linear system under one scheme."""
 
-    def __init__(self, loop: Loop, scheme: Scheme):
+    def __init__(self, loop: Loop, scheme: Scheme, kind: type[Master] = Master):
         self.plan = plan(loop)
         self.units = units(loop, self.plan)
-        self.master = Master(self.plan, self.units, scheme)
+        self.master = kind(self.plan, self.units, scheme)
 
     def step_map(self, h: float) -> np.ndarray:
         """Of all states and connected inputs, one communication step."""

@@ -55,6 +55,7 @@ def collect() -> dict:
         fmus = system.pack(folder)
         schemes = {name: of_scheme(name, fmus, whole) for name in SCHEMES}
         limits = {name: stability(name, fmus) for name in SCHEMES}
+        fresh = linear.Coupling(system.LOOP, SCHEMES["jacobi"], linear.Fresh)
         found = of_tools(folder, fmus, whole)
         drawn = heights(fmus, times, whole)
     margin = linear.delay_margin(system.LOOP)
@@ -67,6 +68,10 @@ def collect() -> dict:
             "margin": margin._asdict(),
             "schemes": schemes,
             "limits": limits,
+            "fresh": {
+                "limit": linear.largest_step(fresh, RANGE),
+                "delay": linear.delay_in_steps(fresh, system.LOOP, SMALL),
+            },
             "tools": found,
             "drawn": drawn,
         }
