@@ -203,8 +203,9 @@ def draw_stability(data: dict) -> Figure:
     for name, found in data["limits"].items():
         steps, growth = np.array(found["steps"]), np.array(found["growth"])
         shown = growth < 2.0
-        ax.semilogx(steps[shown], growth[shown], color=LOOKS[name]["color"], label=NAMES[name])
+        ax.semilogx(steps[shown], growth[shown], color=LOOKS[name]["color"])
         ax.plot(found["at"], found["seen"], **LOOKS[name], linestyle="none")
+        ax.plot([], [], **LOOKS[name], label=NAMES[name])
     repeated = data["limits"]["iterated"]
     steps, contraction = np.array(repeated["steps"]), np.array(repeated["contraction"])
     shown = contraction < 2.0

@@ -283,7 +283,7 @@ ELSEWHERE = {
     "tensegrity_core/native/build.py",
     "tensegrity_core/output/page/bundle.py",  # it runs in the build, too
     "fmu_src/validation/outside.py",
-    *(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks" / "importers" / "drivers").glob("*.py")),
+    *(path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks").glob("*/drivers/*.py")),
 }
 #: Methods and functions that write to a path, and the arguments' place of what must not be one.
 WRITE = dict.fromkeys(("savefig", "imsave", "save", "savez", "savez_compressed", "savetxt", "tofile", "to_csv"), 0) | {
