@@ -4,8 +4,11 @@ In README.md and docs/*.md, all blocks of a file run in order in one folder: `py
 blocks are saved under the name in their first line.  Set-up blocks (marked `<!-- setup -->`) are run by .ci/run.
 """
 
+import contextlib
+import io
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -13,8 +16,10 @@ from pathlib import Path
 
 import pytest
 
+from fmu_src import build
 from fmu_src.variables.interface import variables
 from fmu_src.variables.model_description import LOG_CATEGORIES
+from tensegrity_core import cli
 from tensegrity_core.scene import scene_schema
 from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, built
@@ -26,12 +31,9 @@ BLOCK = re.compile(r"^(?P<setup><!-- setup -->\n)?```(?P<language>\w*)\n(?P<text
 #: Languages of blocks that nothing runs: another system's commands, program output, and data.
 SHOWN_ONLY = {"bat", "text", "csv"}
 
-#: How this test calls what a user calls.
-PROGRAMS = {
-    "python": [sys.executable],
-    "tensegrity": [sys.executable, "-m", "tensegrity_core.cli"],
-    "build_fmu.py": [str(ROOT / "build_fmu.py")],
-}
+#: What a user calls; in this process, because each of its own takes a second to import what it needs (as processes the
+#: subcommands are run out of a wheel, see test_wheel.py).
+PROGRAMS = {("tensegrity",): cli.main, ("python", "build_fmu.py"): build.main}
 
 #: Files that a page's blocks promise to write.
 WRITTEN = {
@@ -66,24 +68,35 @@ def setup_commands():
     return block["text"].splitlines()
 
 
-def run(command, folder, output=None):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-    if output is not None:
-        (folder / output).write_text(done.stdout, encoding="utf-8")
-
-
-def run_line(line, folder):
+def run_line(line):
     """One command of a shell block; `> FILE` at its end is the only redirection."""
     command, _, output = line.partition(" > ")
-    words = [word for part in shlex.split(command) for word in PROGRAMS.get(part, [part])]
-    assert words[0] == sys.executable, f"unknown program in: {line}"
-    run(words, folder, output.strip() or None)
+    words = shlex.split(command)
+    known = [(name, main) for name, main in PROGRAMS.items() if tuple(words[: len(name)]) == name]
+    assert known, f"unknown program in: {line}"
+    ((name, main),) = known
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert main(words[len(name) :]) == 0, f"{line}\n{printed.getvalue()}"
+    if output:
+        Path(output.strip()).write_text(printed.getvalue(), encoding="utf-8")
+
+
+def run_module(command):
+    """A script or `-m` and a module with the option --help, as a program."""
+    by_module = command[0] == "-m"
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
+        patch.setattr(sys, "argv", [command[-1], "--help"])
+        with pytest.raises(SystemExit) as end:
+            if by_module:
+                runpy.run_module(command[-1], run_name="__main__", alter_sys=True)
+            else:
+                runpy.run_path(str(ROOT / command[-1]), run_name="__main__")
+    assert not end.value.code and printed.getvalue().startswith("usage:"), command
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_code_blocks_run(page, tmp_path, request):
+def test_code_blocks_run(page, tmp_path, request, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     if "tensegrity view" in page.read_text(encoding="utf-8"):
         request.getfixturevalue("made_page")
     for block in blocks(page):
@@ -95,10 +108,10 @@ def test_code_blocks_run(page, tmp_path, request):
             assert name, f"a toml block without a file name in its first line:\n{text}"
             (tmp_path / name[1]).write_text(text, encoding="utf-8")
         elif language == "python":
-            run([sys.executable, "-c", text], tmp_path)
+            exec(compile(text, f"{page.name}, a block", "exec"), {"__name__": "__main__"})
         elif language == "sh":
             for line in text.splitlines():
-                run_line(line, tmp_path)
+                run_line(line)
         else:
             pytest.fail(f"a block in {language!r}, which nothing runs:\n{text}")
     missing = [name for name in WRITTEN.get(page.relative_to(ROOT).as_posix(), ()) if not (tmp_path / name).is_file()]
@@ -130,11 +143,12 @@ def test_ci_takes_its_commands_out_of_the_readme():
     assert done.stdout.splitlines() == setup_commands()
 
 
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules after import")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_benchmarks_that_a_page_names_start(page):
     """They take minutes; that they exist, find what they import and know their options shows in their help."""
     for command in named_commands(page):
-        run([sys.executable, *command, "--help"], ROOT)
+        run_module(command)
 
 
 def named_commands(page: Path) -> list[list[str]]:
