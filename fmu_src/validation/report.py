@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import os
 import platform
 import subprocess
@@ -11,6 +10,7 @@ import sys
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,33 +19,43 @@ from matplotlib.lines import Line2D
 
 import tensegrity_core
 from tensegrity_core.files import write_text
-from tensegrity_core.output.plots import draw_series, legend_beside
+from tensegrity_core.output.plots import draw_series, legend_beside, small_png
 
 from ..places import clone
 from ..variables.documentation import environment
-from . import compare
+from . import compare, worst
 from .sensitivity import WINDOW
 from .validate import TIGHT, Run, Validation, reference_settings
 
-#: How many instants of the reference are marked, and how.
-CIRCLES = 21
+#: How many values of the reference are marked, at how many instants, and how.
+CIRCLES, FEWEST, MOST = 120, 5, 21
 CIRCLE: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3.0, "markerfacecolor": "none", "markeredgewidth": 0.7}
+
+#: Errors below this are round-off: their scale is linear there.
+SMALL = 1e-12
 
 
 def write_report(validation: Validation, path: Path, live: Path | None = None) -> None:
-    """Plots of positions and string forces (FMU over reference, and their difference), the errors, and the versions.
+    """The verdict, the scene in motion, the scenario that comes nearest to a bound, then each scenario with plots of positions
+    and string forces (FMU over reference, and their difference), all errors, and the versions.
 
-    live: the page in which the scene moves; the report leads there.
+    live: the page in which the scene moves; the report shows it and leads there.
     """
+    nearest = worst.worst(validation)
     page = (
         environment()
         .get_template("report.html")
         .render(
             title=f"Validation of {validation.model.name}, {validation.runtime} FMU",
             model=validation.model,
-            live=os.path.relpath(live, path.parent) if live else None,
-            runs=validation.runs,
+            live=_address(os.path.relpath(live, path.parent)) if live else None,
+            runs=[_told(run) for run in validation.runs],
             failures=validation.failures,
+            worst=worst.sentences(nearest),
+            instant=nearest.deviation.time,
+            shape=_inline(worst.picture(nearest)),
+            position=validation.position,
+            force=validation.force,
             tight=" and ".join(f"{tolerance:g}" for tolerance in TIGHT),
             bounds={
                 "margin": f"{compare.MARGIN:g}",
@@ -58,48 +68,78 @@ def write_report(validation: Validation, path: Path, live: Path | None = None) -
             kinds=compare.KINDS,
             seconds=validation.seconds,
             factor=validation.factor,
-            pictures=[(run, base64.b64encode(picture(run)).decode()) for run in validation.runs],
-            settings=[_shown(reference_settings(run.scenario, run.again)) for run in validation.runs],
             versions=versions(),
         )
     )
     write_text(path, page)
 
 
+def _told(run: Run) -> dict[str, Any]:
+    """What the page tells of a scenario."""
+    times = run.scenario.inputs.times
+    both = (run.comparison, run.tight)
+    return {
+        "title": run.scenario.title,
+        "duration": times[-1],
+        "step": times[1] - times[0],
+        "part": worst.percent(max(one.part for one in both)),
+        "failures": run.failures,
+        "comparison": run.comparison,
+        "tight": run.tight,
+        "until": run.until,
+        "settings": _shown(reference_settings(run.scenario, run.again)) + (", from the cache" if run.from_cache else ""),
+        "pictures": [(what, _inline(png)) for what, png in pictures(run).items()],
+    }
+
+
+def _address(path: str) -> str:
+    """A relative path as a page writes it."""
+    return quote(Path(path).as_posix())
+
+
+def _inline(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
+
+
 def _shown(settings: dict) -> str:
     return f"{settings['method']}, rtol {settings['rtol']:g}, atol {settings['atol']:g} m"
 
 
-def picture(run: Run) -> bytes:
-    """A PNG: heights of the free nodes and tensions of the strings above, FMU minus reference below."""
-    figure = Figure(figsize=(12, 5.2), dpi=75, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 2, sharex=True, height_ratios=(2, 1))
+def pictures(run: Run) -> dict[str, bytes]:
+    """PNGs by what they show: heights of the free nodes, and tensions of the strings; FMU minus reference below."""
     model, times = run.scenario.model, run.reference.times
     free = model.free_nodes
-    moved = run.fmu["position"] - model.nodes
-    heights = moved[:, free, 2], (run.reference.position - model.nodes)[:, free, 2]
-    names = [model.node_names[i] for i in free]
+    heights = [(position - model.nodes)[:, free, 2] for position in (run.fmu["position"], run.reference.position)]
     gap = np.abs(run.fmu["position"] - run.reference.position)[:, free].max(axis=2)
-    _draw(axes[:, 0], times, *heights, gap, names, "vertical displacement, m", "position error, m")
+    names = [model.node_names[i] for i in free]
     tensions = run.fmu["string_force"], run.reference.string_force
-    _draw(axes[:, 1], times, *tensions, np.abs(tensions[0] - tensions[1]), model.string_names, "tension, N", "error, N")
-    out = io.BytesIO()
+    apart = np.abs(tensions[0] - tensions[1])
+    return {
+        "vertical displacement of the free nodes": _picture(times, *heights, gap, names, "displacement, m", "error, m"),
+        "tension of the strings": _picture(times, *tensions, apart, model.string_names, "tension, N", "error, N"),
+    }
+
+
+def _picture(times, ours, reference, gap, names, label, error_label) -> bytes:
+    figure = Figure(figsize=(6.2, 4.6), dpi=80, layout="constrained")
+    FigureCanvasAgg(figure)
+    _draw(figure.subplots(2, 1, sharex=True, height_ratios=(2, 1)), times, ours, reference, gap, names, label, error_label)
     circle = Line2D([], [], linestyle="", label="circles: the reference; lines: the FMU", **CIRCLE)
     figure.legend(handles=[circle], loc="outside lower center", fontsize=8, frameon=False)
-    figure.savefig(out, format="png", metadata={"Software": None})
-    return out.getvalue()
+    return small_png(figure)
 
 
 def _draw(axes, times, ours, reference, gap, names, label, error_label):
     above, below = axes
     draw_series(above, times, ours, names)
-    points = np.unique(np.linspace(0, len(times) - 1, CIRCLES).astype(int))
+    count = max(FEWEST, min(MOST, CIRCLES // max(1, len(names))))
+    points = np.unique(np.linspace(0, len(times) - 1, count).astype(int))
     above.plot(times[points], reference[points], linestyle="", **CIRCLE)
     draw_series(below, times, gap, names)
     above.set_ylabel(label)
     legend_beside(above)
-    below.set_yscale("symlog", linthresh=1e-12)
+    below.set_yscale("symlog", linthresh=SMALL)
+    below.set_ylim(0.0, 3.0 * max(10.0 * SMALL, float(np.nanmax(gap, initial=0.0))))
     below.set_ylabel(error_label)
     below.set_xlabel("time, s")
 

@@ -87,6 +87,13 @@ def few_colours(figure: Figure, dpi: float) -> Image.Image:
     return Image.open(png).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
 
 
+def small_png(figure: Figure) -> bytes:
+    """A figure as a PNG of 256 colours, without dates."""
+    out = io.BytesIO()
+    few_colours(figure, figure.dpi).save(out, "PNG", optimize=True)
+    return out.getvalue()
+
+
 #: Settings under which a figure is saved: texts stay texts in an SVG, and equal figures give equal bytes.
 SAVING: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "tensegrity"}
 

@@ -17,7 +17,7 @@ import tensegrity_core
 from fmu_src import build as build_fmu
 from fmu_src import builds
 from fmu_src.packing.native_fmu import pack_native_fmu
-from fmu_src.validation import compare, sensitivity, validate
+from fmu_src.validation import compare, sensitivity, validate, worst
 from fmu_src.validation.compare import series
 from fmu_src.validation.reference_cache import cached, reference_key, trouble
 from fmu_src.validation.report import write_report
@@ -34,6 +34,7 @@ from tensegrity_core.output.page import Parts
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 from tests.support import scene
+from tests.support.browser import CHROMIUM, Browser
 
 #: What `compare` reads of an FMU.
 FMU_SERIES = (*OUTPUTS, "snapped", "throughput")
@@ -633,6 +634,62 @@ def test_reports_escape_names(tmp_path):
     write_report(validate.Validation(model, "python", runs), tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<i>" not in page and "<b>" not in page and "&lt;i&gt;tilted" in page
+
+
+def of_itself(run, name="two_bar"):
+    """A validation of one scenario by the kernel's own result."""
+    result = kernel.simulate(run.model, run.inputs)
+    fmu, found = comparison(run, result)
+    return validate.Validation(scene(name), "python", (validate.Run(run, result, fmu, found, found, 1e-4, False),))
+
+
+def test_the_worst_scenario_is_named_with_its_reason(tmp_path):
+    """Of two scenarios, in one of which a tension is off by so much at one instant."""
+    right = of_itself(short(scene("two_bar")))
+    (good,) = right.runs
+    row = 7
+    fmu = good.fmu | {"elastic_force": good.fmu["elastic_force"].copy()}
+    fmu["elastic_force"][row, 1] += 2.0
+    allowed, _ = spreads(good.scenario.model, good.scenario.inputs, validate.START_ERROR)
+    bad = compare.compare(good.reference, fmu, good.reference.transitions, allowed, 1.0)
+    titled = replace(good.scenario, title="the other lift")
+    runs = (good, replace(good, scenario=titled, fmu=fmu, comparison=bad))
+    nearest = worst.worst(replace(right, runs=runs))
+    assert nearest.run is runs[1] and nearest.output == "elastic_force" and nearest.deviation.time == pytest.approx(0.07)
+    first, *others = worst.sentences(nearest)
+    assert "\u201cthe other lift\u201d at its own tolerance" in first and "2.0e+00 of" in first and "t = 0.07 s" in first
+    assert re.search(r"Its strings make \d+ transitions? in 0.1 s.", others[-1])
+    write_report(replace(right, runs=runs), tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    order = [
+        "Bounds passed",
+        "<h2>The scene",
+        "<h2>The worst scenario",
+        "<h2>Scenario by scenario",
+        "All errors",
+    ]
+    assert [page.index(part) for part in order] == sorted(page.index(part) for part in order)
+
+
+@CHROMIUM
+def test_a_report_is_read_in_its_folder_alone_and_on_a_phone(tmp_path):
+    beside, alone = tmp_path / "ü #1", tmp_path / "alone"
+    for folder in (beside / "native", alone):
+        folder.mkdir(parents=True)
+    live = beside / "two_bar_live.html"
+    live.write_text("<!doctype html><title>live</title><p>it moves</p>", encoding="utf-8")
+    write_report(of_itself(short(scene("two_bar"))), beside / "native" / "r.html", live)
+    shutil.copy(beside / "native" / "r.html", alone)
+    shown = "document.querySelector('object p').checkVisibility()"
+    with Browser(390, 844, 2.0, touch=True) as phone:
+        for folder, falls_back in ((beside / "native", False), (alone, True)):
+            phone.open(folder / "r.html", ready="document.readyState === 'complete'")
+            phone.wait(f"{shown} === {str(falls_back).lower()}")
+            assert phone.run("document.documentElement.scrollWidth") <= 390
+            assert "is not there any more" in phone.run("document.querySelector('object').textContent")
+        phone.open(beside / "native" / "r.html", ready="document.readyState === 'complete'")
+        wide = phone.run("[...document.images].map(i => [i.naturalWidth > 0, i.getBoundingClientRect().width])")
+        assert len(wide) == 3 and all(loaded and width <= 390 for loaded, width in wide)
 
 
 def test_reports_name_every_bound(tmp_path, monkeypatch):
