@@ -44,6 +44,9 @@ def build(
             "--detach-actuators", help="Actuators as FMUs of their own, SCENE_STRING_actuator, beside a structure without them."
         ),
     ] = False,
+    ssp: Annotated[
+        str | None, typer.Option(metavar="VERSION", help="Detached actuators and structure as an SSP archive, too: 2.0 or 1.0.")
+    ] = None,
     no_page: Annotated[
         bool, typer.Option("--no-page", help="Without the page in which the scene moves: 0.3 MB less in each FMU.")
     ] = False,
@@ -72,6 +75,7 @@ def build(
         cross_check=cross_check,
         output=output,
         apart=detach_actuators,
+        ssp=ssp,
         naming=naming,
         validate=not no_validate,
         thorough=thorough,

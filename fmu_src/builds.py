@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from .packing.actuator import detached
 from .packing.libraries import cross_compiled, here
 from .packing.native_fmu import pack_native_fmu
 from .packing.pack import pack_python_fmu
+from .packing.ssp import VERSIONS, detached_system, write_ssp
 from .validation.cross_check import write_cross_check
 from .validation.reference_cache import trouble
 from .validation.report import write_report
@@ -38,8 +40,9 @@ class Options:
 
     scenes: names or paths; runtimes: of "native", "python"; platforms: beside this one, keys of TARGETS; sources,
     cross_check: of native FMUs; simple: see Contents; page: the page in which the scene moves goes into their documentation
-    and beside the reports; apart: actuators as FMUs of their own; cache: folder of reference runs, None for none; json: the
-    table as JSON on standard output, and everything else on standard error.
+    and beside the reports; apart: actuators as FMUs of their own; ssp: version of the archive that couples these with the
+    structure, None for none; cache: folder of reference runs, None for none; json: the table as JSON on standard output, and
+    everything else on standard error.
     """
 
     scenes: tuple[str, ...]
@@ -51,6 +54,7 @@ class Options:
     cross_check: Path | None = None
     output: Path = Path("dist")
     apart: bool = False
+    ssp: str | None = None
     naming: str = "structured"
     validate: bool = True
     thorough: bool = False
@@ -65,6 +69,10 @@ class Options:
             raise InputError(f"runtime = {', '.join(map(str, self.runtimes))!r} is none; use native, python or both")
         if self.simple and self.validate:
             raise InputError("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
+        if self.ssp is not None and self.ssp not in VERSIONS:
+            raise InputError(f"--ssp {self.ssp}: no such version is written; use {' or '.join(VERSIONS)}")
+        if self.ssp and not self.apart:
+            raise InputError("--ssp couples a structure with actuators of their own: give --detach-actuators, too")
         if self.thorough and not self.validate:
             raise InputError("--thorough is a kind of validation: leave it or --no-validate out")
         native = [option for option, given in (("--sources", self.sources), ("--cross-check", self.cross_check)) if given]
@@ -159,15 +167,21 @@ def pack_all(models: dict[str, Model], pages: dict[str, bytes], work: Work) -> d
     apart = take_apart(models) if options.apart else {}
     make_folder(options.output)
     compile_first(work)
-    for model in apart.values():
+    motors: dict[tuple[str, str], Path] = {}
+    for model in [motor for motors_of in apart.values() for motor in motors_of.values()]:
         for runtime in options.runtimes:
-            work.say(f"wrote {pack(model, runtime, options)}")
+            motors[model.name, runtime] = pack(model, runtime, options)
+            work.say(f"wrote {motors[model.name, runtime]}")
     found = {}
     for (name, model), told in each(tuple(models.items()), work.packing):
         work.bar.what = f"packing {name}"
         for runtime in options.runtimes:
             found[name, runtime] = pack(model, runtime, options, pages.get(name))
             work.say(f"wrote {found[name, runtime]}")
+            if options.ssp:
+                packed = {one: path for (one, of), path in (motors | found).items() if of == runtime}
+                system = detached_system(model, apart[name], packed, options.naming)
+                work.say(f"wrote {write_ssp(options.output / runtime / f'{name}.ssp', system, options.ssp)}")
         if options.cross_check:
             place = write_cross_check(
                 model, options.cross_check, options.naming, options.cache, told, **contents(options, pages.get(name))
@@ -230,15 +244,15 @@ def unique(scenes: list[Scene]) -> dict[str, Model]:
     return found
 
 
-def take_apart(models: dict[str, Model]) -> dict[str, Model]:
-    """Takes the actuators out of the models, in place; returns theirs by name.  Raises TensegrityError where there are none."""
-    found: dict[str, Model] = {}
+def take_apart(models: dict[str, Model]) -> dict[str, Mapping[str, Model]]:
+    """Takes the actuators out of the models, in place; returns theirs by the structure's name and the string's.  Raises
+    TensegrityError where there are none."""
+    found: dict[str, Mapping[str, Model]] = {}
     for name, model in models.items():
         if not model.actuated:
             remedy = "give one of its strings one, or leave the option out"
             raise TensegrityError(f"--detach-actuators: {name} has no actuator; {remedy}")
-        models[name], actuators = detached(model)
-        found |= {actuator.name: actuator for actuator in actuators.values()}
+        models[name], found[name] = detached(model)
     return found
 
 

@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import machine
 from benchmarks.harness.page import COLOURS, Page, lettered, new_figure, plain, rendered
+from fmu_src.packing import ssp
 from tensegrity_core.files import scratch
 
-from . import linear, master, monolithic, ssp, system, tools
+from . import linear, master, monolithic, system, tools
 from .master import SCHEMES
 
 #: Simulated time, s; communication steps, s, each a multiple of the finest.
@@ -127,7 +128,7 @@ def of_tools(folder: Path, fmus: dict[str, Path], whole) -> list[dict]:
     plan, rows = system.plan(), []
     same = {h: master.run(plan, fmus, SCHEMES["jacobi"], h, round(DURATION / h))[0] for h in TOOL_STEPS}
     archives = {
-        version: ssp.write(folder / f"{version}.ssp", system.NAME, plan, fmus, DURATION, version) for version in ssp.VERSIONS
+        version: ssp.write_ssp(folder / f"{version}.ssp", system.as_ssp(fmus, DURATION), version) for version in ssp.VERSIONS
     }
     for driver, version in [(driver, version) for driver in tools.OF for version in ssp.VERSIONS]:
         row: dict = {"tool": driver, "ssp": version, "steps": TOOL_STEPS, "errors": [], "apart": [], "why": ""}

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.packing.ssp import VERSIONS, System, Wire, write_ssp
 from tensegrity_core.errors import TensegrityError, shown
 from tensegrity_core.files import scratch
 from tensegrity_core.model import Model
@@ -39,15 +40,6 @@ class Loop(NamedTuple):
 
 
 LOOP = Loop()
-
-
-class Wire(NamedTuple):
-    """From an output of one unit to an input of another."""
-
-    source: str
-    output: str
-    target: str
-    input: str
 
 
 class Plan(NamedTuple):
@@ -117,18 +109,22 @@ def pack(folder: Path) -> dict[str, Path]:
     return {name: files.get(name, winch) for name in plan().units}
 
 
+def as_ssp(fmus: dict[str, Path], stop: float) -> System:
+    """The system for an SSP archive; stop: of its default experiment, s."""
+    this = plan()
+    return System(NAME, fmus, this.wires, this.start, stop)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Write the system as an SSP archive."""
-    from . import ssp  # which builds on this module
-
     parser = argparse.ArgumentParser(description="Write the height control of three_bar as an SSP archive.")
     parser.add_argument("--output", type=Path, default=Path(f"{NAME}.ssp"), help="the file; %(default)s")
-    parser.add_argument("--ssp", choices=ssp.VERSIONS, default=ssp.VERSIONS[0], help="version of SSP; %(default)s")
+    parser.add_argument("--ssp", choices=VERSIONS, default=VERSIONS[0], help="version of SSP; %(default)s")
     parser.add_argument("--stop-time", type=float, default=2.0, help="of the default experiment, s; %(default)s")
     options = parser.parse_args(arguments)
     try:
         with scratch() as folder:
-            path = ssp.write(options.output, NAME, plan(), pack(folder), options.stop_time, options.ssp)
+            path = write_ssp(options.output, as_ssp(pack(folder), options.stop_time), options.ssp)
     except (TensegrityError, OSError, RuntimeError) as error:
         print(f"error: {shown(str(error))}", file=sys.stderr)
         return 2

@@ -13,9 +13,9 @@ from fmpy import extract, read_model_description
 
 from benchmarks.importers import environments
 from benchmarks.importers.tools import TOOLS
+from fmu_src.packing.ssp import PARAMETERS
 from tensegrity_core.files import scratch, write_text
 
-from .ssp import PARAMETERS
 from .system import Plan
 
 BASE = Path(__file__).resolve().parents[2] / "build" / "importers"

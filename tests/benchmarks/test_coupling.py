@@ -13,7 +13,8 @@ from fmpy.ssp.ssd import find_components, read_ssd
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from benchmarks.coupling import blocks, linear, master, monolithic, run, ssp, system, tools
+from benchmarks.coupling import blocks, linear, master, monolithic, run, system, tools
+from fmu_src.packing import ssp
 
 DURATION = 0.6
 
@@ -103,20 +104,20 @@ def test_a_winch_is_exact_whatever_the_step(parts):
 
 @pytest.fixture(params=ssp.VERSIONS)
 def archive(request, parts, tmp_path):
-    return ssp.write(tmp_path / "ü #1" / "height.ssp", "height", system.plan(), parts, 2.0, request.param), request.param
+    return ssp.write_ssp(tmp_path / "ü #1" / "height.ssp", system.as_ssp(parts, 2.0), request.param), request.param
 
 
 def wires(read):
     """fmpy's own get_connections adds some that the description has not."""
     ends = ("startElement", "startConnector", "endElement", "endConnector")
-    return tuple(system.Wire(*(getattr(connection, end) for end in ends)) for connection in read.system.connections)
+    return tuple(ssp.Wire(*(getattr(connection, end) for end in ends)) for connection in read.system.connections)
 
 
 def test_an_ssp_is_the_plan_and_its_fmus(archive, parts):
     """As fmpy reads it; version 1.0 by the schemas that come with it, too."""
     path, version = archive
     read = read_ssd(str(path), validate=version == "1.0")
-    assert (read.version, read.name) == (version, "height")
+    assert (read.version, read.name) == (version, system.NAME)
     plan, components = system.plan(), {one.name: one for one in find_components(read.system)}
     assert tuple(components) == plan.units
     assert wires(read) == plan.wires

@@ -1,8 +1,11 @@
 """Stand-alone actuators: the FMU against a closed form, and coupled with a structure against the actuator inside it."""
 
+import zipfile
+
 import numpy as np
 import pytest
 from fmpy import extract, read_model_description
+from fmpy.ssp.ssd import read_ssd
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
@@ -106,6 +109,34 @@ def test_command_builds_structure_and_actuators(tmp_path, capsys):
     assert main(["two_bar", "--detach-actuators", "--no-validate", "--output", str(tmp_path / "none")]) == 2
     assert "two_bar has no actuator" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("version, naming", [("2.0", "structured"), ("1.0", "flat")])
+def test_command_couples_structure_and_actuators(version, naming, tmp_path, capsys):
+    """As fmpy reads the archive: the connections that are made by hand above, between the FMUs beside it."""
+    scene = tmp_path / "mast.toml"
+    scene.write_text(TOML, encoding="utf-8")
+    options = ["--no-validate", "--no-page", "--naming", naming, "--output", str(tmp_path / "dist")]
+    assert main([str(scene), "--detach-actuators", "--ssp", version, *options]) == 0
+    dot = "." if naming == "structured" else "_"
+    for runtime in PACKERS:
+        path = tmp_path / "dist" / runtime / "mast.ssp"
+        read = read_ssd(str(path), validate=version == "1.0")
+        assert read.version == version
+        ends = {(c.startElement, c.startConnector, c.endElement, c.endConnector) for c in read.system.connections}
+        assert ends == {
+            ("structure", f"s2{dot}force", "s2_actuator", "tension"),
+            ("s2_actuator", "rest_length", "structure", f"s2{dot}rest_length"),
+            ("s2_actuator", "rest_length_rate", "structure", f"s2{dot}rest_length_rate"),
+        }
+        assert {unit.name for unit in read.units} == {"m", "m/s", "N"}
+        with zipfile.ZipFile(path) as file:
+            packed = {element.name: file.read(element.source) for element in read.system.elements}
+        for name, fmu in (("structure", "mast"), ("s2_actuator", "mast_s2_actuator")):
+            assert packed[name] == (path.parent / f"{fmu}.fmu").read_bytes()
+    for wrong, said in ((["--ssp", version], "give --detach-actuators"), (["--detach-actuators", "--ssp", "3"], "2.0 or 1.0")):
+        assert main([str(scene), *wrong, *options[:-1], str(tmp_path / "none")]) == 2
+        assert said in capsys.readouterr().err and not (tmp_path / "none").exists()
 
 
 TOML = """
