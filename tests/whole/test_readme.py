@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.coupling import system
 from fmu_src import build
 from fmu_src.variables.interface import variables
 from fmu_src.variables.model_description import LOG_CATEGORIES
@@ -33,7 +34,11 @@ SHOWN_ONLY = {"bat", "text", "csv"}
 
 #: What a user calls; in this process, because each of its own takes a second to import what it needs (as processes the
 #: subcommands are run out of a wheel, see test_wheel.py).
-PROGRAMS = {("tensegrity",): cli.main, ("python", "build_fmu.py"): build.main}
+PROGRAMS = {
+    ("tensegrity",): cli.main,
+    ("python", "build_fmu.py"): build.main,
+    ("python", "-m", "benchmarks.coupling.system"): system.main,
+}
 
 #: Files that a page's blocks promise to write.
 WRITTEN = {
