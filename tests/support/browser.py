@@ -34,10 +34,14 @@ CHROMIUM = pytest.mark.skipif(chromium() is None, reason="needs Chromium: apt in
 
 
 class Browser:
-    """One page in a browser of its own, as a context.  problems: what its console and its scripts complained of."""
+    """One page in a browser of its own, as a context.
+
+    problems: what its console and its scripts complained of; requests: addresses that it asked for, after Network.enable.
+    """
 
     def __init__(self, width: int = 1280, height: int = 800, scale: float = 1.0, dark: bool = False, touch: bool = False):
         self.problems: list[str] = []
+        self.requests: list[str] = []
         self._metrics = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": touch}
         self._dark, self._number, self._events = dark, 0, deque[dict[str, Any]]()
         self._received = b""
@@ -111,6 +115,8 @@ class Browser:
             self.problems.append(details.get("exception", {}).get("description") or details["text"])
         elif "GL Driver Message (OpenGL, Performance" in json.dumps(told):
             return  # the browser's own, where it takes WebGL's pictures to the processor
+        elif event.get("method") == "Network.requestWillBeSent":
+            self.requests.append(told["request"]["url"])
         elif event.get("method") == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning", "assert"):
             self.problems.append(" ".join(str(one.get("value", one.get("description"))) for one in told["args"]))
         elif event.get("method") == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
@@ -125,8 +131,12 @@ class Browser:
 
     def open(self, path: Path, ready: str = "document.documentElement?.dataset.ready", hash: str = "") -> None:
         """Load a file and wait until an expression is true.  hash: of the address, with its #."""
+        self.go(path.resolve().as_uri() + hash, ready)
+
+    def go(self, address: str, ready: str) -> None:
+        """Load what is at an address and wait until an expression is true."""
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=path.resolve().as_uri() + hash)
+        self.call("Page.navigate", url=address)
         self.wait(ready)
 
     def wait(self, condition: str, seconds: float = 60.0) -> None:

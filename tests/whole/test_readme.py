@@ -1,7 +1,8 @@
 """The documentation: every code block runs, every table agrees with the code, every link leads somewhere.
 
 In README.md and docs/*.md, all blocks of a file run in order in one folder: `python` and `sh` blocks are run, `toml`
-blocks are saved under the name in their first line.  Set-up blocks (marked `<!-- setup -->`) are run by .ci/run.
+blocks are saved under the name in their first line.  Set-up blocks (marked `<!-- setup -->`) are run by .ci/run, those for the
+site ({toctree} ...) by test_site.py.
 """
 
 import contextlib
@@ -27,10 +28,12 @@ from tests.support.driven_scenes import LABORATORY, built
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-BLOCK = re.compile(r"^(?P<setup><!-- setup -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(
+    r"^(?P<setup><!-- setup -->\n)?```(?P<language>\w*|\{[\w-]+\}[^\n]*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
+)
 
-#: Languages of blocks that nothing runs: another system's commands, program output, and data.
-SHOWN_ONLY = {"bat", "text", "csv"}
+#: Languages of blocks that nothing runs: another system's commands, output and data, formulas.
+SHOWN_ONLY = {"bat", "text", "math"}
 
 #: What a user calls; in this process, because each of its own takes a second to import what it needs (as processes the
 #: subcommands are run out of a wheel, see test_wheel.py).
@@ -106,7 +109,7 @@ def test_code_blocks_run(page, tmp_path, request, monkeypatch):
         request.getfixturevalue("made_page")
     for block in blocks(page):
         language, text = block["language"], block["text"]
-        if block["setup"] or language in SHOWN_ONLY:
+        if block["setup"] or language in SHOWN_ONLY or language.startswith("{"):
             continue
         if language == "toml":
             name = re.match(r"# (\w+\.toml)\n", text)
