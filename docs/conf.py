@@ -38,6 +38,7 @@ nitpick_ignore_regex = [("py:.*", r"(np|numpy|pd|pandas|xr|xarray|pathlib|collec
 html_theme = "furo"
 html_title = project
 html_static_path = ["site"]
+html_favicon = "site/icon.svg"
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_show_sphinx = False

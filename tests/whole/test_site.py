@@ -27,7 +27,7 @@ MADE = pytest.mark.skipif(bool(bundle.missing()), reason="needs what builds the 
 
 #: Attributes by which a page of the site fetches something on its own.
 FETCHED = re.compile(
-    r"""<(?:script|img|iframe|source|video)\b[^>]*?\bsrc="([^"]+)"|<link rel="(?:stylesheet|icon|preload)"[^>]*?\bhref="([^"]+)\""""
+    r"""<(?:script|img|iframe|source|video)\b[^>]*?\bsrc="([^"]+)"|<link rel="(?:stylesheet|icon)"[^>]*?\bhref="([^"]+)\""""
 )
 
 pytestmark = [MADE, pytest.mark.usefixtures("made_page")]
