@@ -1,6 +1,7 @@
 """Pictures of pages, and how long their frames take, where software draws: `python -m tests.output.page_pictures`.
 
-It writes docs/figures/view_*.png, and docs/view.json with the times, the machine and the commit; look at the pictures.
+It writes docs/figures/view_*.png and report_*.png, and docs/view.json with the times, the machine and the commit; look at the
+pictures.  --times: measures only; --pictures: takes pictures only.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ import io
 import json
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
 
 from benchmarks.harness.machine import describe
+from fmu_src import builds
 from tensegrity_core.files import write_bytes, write_text
 from tensegrity_core.model import Model
 from tensegrity_core.output.page import write_page
@@ -29,6 +32,8 @@ DATA, PAGE = ROOT / "docs" / "view.json", ROOT / "docs" / "view.md"
 MARKS = "<!-- frames -->\n", "<!-- end of frames -->\n"
 SECONDS = 4.0  # of which frames are timed
 SHARES = (0.5, 0.95)
+#: Width and height of a window, pixels, and pixels of the screen in each of them.
+DESK, PHONE = (1280, 800, 1.0), (390, 844, 2.0)
 
 
 def shrunk(picture: bytes, width: int) -> bytes:
@@ -40,8 +45,23 @@ def shrunk(picture: bytes, width: int) -> bytes:
     return out.getvalue()
 
 
+#: In the page: how long after the first move of a pointer that is down the first frame is drawn in which something pulls, ms.
+ANSWER = f"""(a => {{
+    let moved = null;
+    a.stage.canvas.addEventListener('pointermove', e => {{ if (e.buttons && moved === null) moved = performance.now(); }});
+    const look = () => {{
+        const pulls = a.record.frames.at(-1).force?.some(one => one !== 0);
+        if (moved !== null && pulls && a.drawn >= moved) window.answered = performance.now() - moved;
+        else requestAnimationFrame(look);
+    }};
+    requestAnimationFrame(look);
+}})({APP})"""
+
+
 def frames(page: Browser, node: int) -> dict[str, Any]:
-    """Times of frames while a node is pulled at real time, ms; pace: simulated s per s."""
+    """Times of frames while a node is pulled at real time, ms; answer: from the pointer's first move to the first frame that
+    shows it, ms; pace: simulated s per s."""
+    page.run(ANSWER)
     page.run(f"{APP}.intervals.length = {APP}.spent.length = 0")
     x, y = drag(page, node, 30, -110, f"{APP}.time > {SECONDS}")
     found = {
@@ -50,6 +70,7 @@ def frames(page: Browser, node: int) -> dict[str, Any]:
         )
         for name, key in (("between", "intervals"), ("work", "spent"))
     }
+    found |= {"answer": page.run("window.answered")}
     found |= {"frames": page.run(f"{APP}.intervals.length"), "pace": page.run(f"{APP}.pace")}
     page.mouse("mouseReleased", x, y)
     return found
@@ -59,24 +80,44 @@ def models() -> dict[str, Model]:
     return {"six_bar_nsh": scene("six_bar_nsh"), "tower of 30 bars": build_model(tower(10))}
 
 
-def pictures(folder: Path) -> None:
-    """Write docs/figures/view_*.png: a node that is pulled until honeycombs snap, on a desk and on a phone."""
+def view_pictures(folder: Path) -> None:
+    """Write docs/figures/view_*.png: pages at rest, and with a node pulled until honeycombs snap, on a desk and on a phone."""
     views = {
-        "desktop": ("three_bar_nsh", 3, Browser(1280, 800), (35, -150), 1000),
-        "plane": ("two_bar_nsh", 3, Browser(1280, 800, dark=True), (70, -120), 1000),
-        "phone": ("six_bar_nsh", 11, Browser(390, 844, 2.0, dark=True), (12, -60), 480),
+        "desktop": ("three_bar_nsh", 3, DESK, {}, (35, -150)),
+        "plane": ("two_bar_nsh", 3, DESK, {"dark": True}, (70, -120)),
+        "phone": ("six_bar_nsh", 11, PHONE, {"dark": True}, (12, -60)),
     }
-    for name, (known, node, browser, away, width) in views.items():
+    for name, (known, node, size, options, away) in views.items():
         path = folder / f"{known}.html"
         write_page(path, scene(known))
-        with browser as page:
+        with Browser(*size, **options) as page:
             page.open(path)
-            page.wait(f"{APP} && {APP}.intervals.length > 10")
-            page.run(f"{APP}.names = 1")
+            page.wait(f"{APP} && {APP}.intervals.length > 10 && {APP}.time > 1")
+            page.run(f"{APP}.names = 1; {APP}.play(false)")
+            page.wait(f"{APP}.still")
+            if name != "plane":
+                keep(page, f"view_{name}_rest")
+            page.run(f"{APP}.restart()")
             drag(page, node, *away, f"Math.max(...{END}.snapped) > 1 && {APP}.time > 3")
             page.run(f"{APP}.play(false)")  # the pull stays
             page.wait(f"{APP}.still")
-            write_bytes(ROOT / "docs" / "figures" / f"view_{name}.png", shrunk(page.picture(), width))
+            keep(page, f"view_{name}")
+
+
+def report_pictures(folder: Path) -> None:
+    """Write docs/figures/report_*.png: the head of a validation report."""
+    builds.built(builds.Options(("three_bar_nsh",), ("native",), output=folder))
+    for name, (width, height, scale) in {"desktop": (1280, 1180, 1.0), "phone": (390, 1180, 2.0)}.items():
+        with Browser(width, height, scale, touch=scale > 1.0) as page:
+            page.open(folder / "native" / "three_bar_nsh.html", ready="document.readyState === 'complete'")
+            time.sleep(3.0)  # the scene in the report's frame runs for a while
+            keep(page, f"report_{name}")
+
+
+def keep(page: Browser, name: str) -> None:
+    """What a page shows, as a figure of the docs."""
+    width = 480 if "phone" in name else 1000
+    write_bytes(ROOT / "docs" / "figures" / f"{name}.png", shrunk(page.picture(), width))
 
 
 def with_table(page: str, found: dict[str, Any]) -> str:
@@ -84,30 +125,42 @@ def with_table(page: str, found: dict[str, Any]) -> str:
     head, rest = page.split(MARKS[0])
     _, tail = rest.split(MARKS[1])
     rows = [
-        f"| {name} | {one['between'][0]:.0f} | {one['between'][1]:.0f} | {one['work'][0]:.0f} | {one['pace']:.2f} |"
+        f"| {name} | {one['opened']:.0f} | {one['answer']:.0f} | {one['between'][0]:.0f} | {one['between'][1]:.0f} | "
+        f"{one['work'][0]:.0f} | {one['pace']:.2f} | {one['bytes'] / 1e6:.2f} |"
         for name, one in found["times"].items()
     ]
-    table = "| | median, ms | 95 of 100 within, ms | work of the page in it, ms | simulated s per s |\n|---|---|---|---|---|\n"
+    table = (
+        "| | first picture after, ms | a pull is seen after, ms | from picture to picture, ms: median | 95 of 100 within "
+        "| work of the page in it | simulated s per s | page, MB |\n|---|---|---|---|---|---|---|---|\n"
+    )
     machine = f"{found['machine']['processor']}, commit {found['machine']['commit']}, {found['machine']['date']}"
     return head + MARKS[0] + table + "\n".join(rows) + f"\n\n({machine}.)\n" + MARKS[1] + tail
 
 
-def main() -> None:
+def measured() -> dict[str, Any]:
+    """Times of pages by scene."""
     times: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        pictures(Path(folder))
     with tempfile.TemporaryDirectory() as folder:
         for name, model in models().items():
             path = Path(folder) / "page.html"
             size = write_page(path, model)
             with Browser() as page:
-                page.open(path)
+                page.open(path, ready=f"{APP}?.drawn")
+                opened = page.run("performance.now()")
                 page.wait(f"{APP}.intervals.length > 30")
-                times[name] = frames(page, int(model.free_nodes[-1])) | {"bytes": size}
+                times[name] = {"opened": opened} | frames(page, int(model.free_nodes[-1])) | {"bytes": size}
                 times[name]["problems"] = page.problems
                 print(name, times[name], flush=True)
+    return times
+
+
+def main() -> None:
     if "--times" not in sys.argv:
-        found = {"times": times, "machine": describe()}
+        with tempfile.TemporaryDirectory() as folder:
+            view_pictures(Path(folder))
+            report_pictures(Path(folder))
+    if "--pictures" not in sys.argv:
+        found = {"times": measured(), "machine": describe()}
         write_text(DATA, json.dumps(found, indent=1) + "\n")
         write_text(PAGE, with_table(PAGE.read_text(encoding="utf-8"), found))
 

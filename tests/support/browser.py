@@ -6,6 +6,7 @@ Pages are drawn by software, as on a machine without a graphics card.
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 import shutil
@@ -18,6 +19,9 @@ from pathlib import Path
 from typing import Any, Self
 
 import pytest
+
+with contextlib.suppress(ModuleNotFoundError):  # Windows, where `chromium` finds none
+    import fcntl
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = """--headless=new --no-sandbox --no-first-run --disable-extensions --disable-background-networking --hide-scrollbars
@@ -52,7 +56,7 @@ class Browser:
         self._read, ours = os.pipe()
 
         def pipes():  # the browser reads commands from 3 and writes answers to 4
-            kept = os.dup(theirs), os.dup(ours)
+            kept = [fcntl.fcntl(one, fcntl.F_DUPFD, 5) for one in (theirs, ours)]  # above both, which may be free or in use
             os.dup2(kept[0], 3)
             os.dup2(kept[1], 4)
 
