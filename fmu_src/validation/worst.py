@@ -61,9 +61,8 @@ def sentences(found: Worst) -> list[str]:
         became = "went slack" if last.after == 0 else "became taut" if last.before == 0 else "changed its law's piece"
         said.append(f"String {string} {became} {1e3 * (one.time - last.time):.2g} ms before.")
     if comparison.growth > GROWN:
-        said.append(
-            f"A start error grows up to {float(f'{comparison.growth:.2g}'):g} times in this run, so that any integrator errs more there."
-        )
+        times = f"{float(f'{comparison.growth:.2g}'):g}"
+        said.append(f"A start error grows up to {times} times in this run, so that any integrator errs more there.")
     count = comparison.transitions[0]
     said.append(f"Its strings make {count} transition{'' if count == 1 else 's'} in {run.scenario.inputs.times[-1]:g} s.")
     return said
