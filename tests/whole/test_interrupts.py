@@ -15,12 +15,12 @@ import pytest
 
 from tensegrity_core import cli, files, interrupts
 from tensegrity_core.files import scratch, write_text
+from tests.support.killed import COMMANDS, PATIENCE, Command, members, start, until
 from tests.whole.test_files import sources
 
 ROOT = Path(__file__).resolve().parents[2]
 if not Path("/proc/self/stat").exists():
     pytest.skip("looks for processes in /proc", allow_module_level=True)
-PATIENCE = 120.0  # s, until a wait is given up; never reached where all is well
 
 #: Two workers, one busy and one that waits, and a run from outside; scratch.py also writes half a file.
 PROGRAM = """
@@ -69,34 +69,6 @@ def no_signal_is_ignored():
         signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
-
-
-def members(session: int) -> list[int]:
-    """Processes of a session that still run."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                state, _, _, its = (entry / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[:4]
-            except OSError:  # it has ended meanwhile
-                continue
-            if int(its) == session and state not in "ZX":
-                found.append(int(entry.name))
-    return found
-
-
-def until(condition) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-def start(command: list, cwd: Path | None = None, **surroundings) -> subprocess.Popen:
-    """A program as the leader of a session of its own, as in a terminal."""
-    surroundings = {**os.environ, "PYTHONPATH": str(ROOT), **surroundings}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen([*map(str, command)], env=surroundings, cwd=cwd, start_new_session=True, **pipes)
 
 
 @pytest.fixture
@@ -173,6 +145,23 @@ def test_a_validation_is_interrupted(number, tmp_path):
     if number == signal.SIGINT:
         assert err == "interrupted\n" and not list((tmp_path / "temporary").iterdir())
     assert [path.name for path in (tmp_path / "dist" / "native").iterdir()] == ["six_bar.fmu"]
+
+
+@pytest.mark.parametrize("name", ["tower", "simulate .csv", "view"])
+def test_a_command_that_is_ended_leaves_whole_files(name, made_page, tmp_path):
+    """At two moments; `python -m tests.support.killed` tries all commands at many."""
+    command = Command(COMMANDS[name], tmp_path, tmp_path)
+    found = [command.end(part * command.seconds, number) for part, number in ((0.6, signal.SIGKILL), (0.8, signal.SIGINT))]
+    assert set(found) <= {"killed", "killed, with leftovers", "interrupted", "before it began", "was done"}
+
+
+def test_what_is_there_in_part_is_found(made_page, tmp_path):
+    """Else the test above, and that command, would find nothing."""
+    command = Command(COMMANDS["tower"], tmp_path, tmp_path)
+    (file,) = command.files()
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(AssertionError, match="not as it was written"):
+        command.require_whole()
 
 
 def test_ctrl_c_while_a_program_starts(tmp_path):
