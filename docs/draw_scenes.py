@@ -14,7 +14,7 @@ import numpy as np
 
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import Model, grid, held
-from tensegrity_core.output.drawing import BAR, ELEVATION, NSH, Drawing, frame, new_axes, slack_strings
+from tensegrity_core.output.drawing import BAR, ELEVATION, NAMED_ROOM, NSH, Drawing, frame, new_axes, slack_strings
 from tensegrity_core.output.film import write_frames
 from tensegrity_core.output.plots import new_figure
 from tensegrity_core.scene import load_scene
@@ -66,9 +66,11 @@ def main(path: Path) -> None:
         if len(model.axes) == 3:
             axes.view_init(elev=ELEVATION, azim=azimuth)
         scale = 0.25 * float(np.ptp(model.nodes[:, 2])) / PEAK
-        frame(axes, model, np.concatenate((result.position, result.position + scale * force)))
+        drawing = Drawing(axes, model)
+        frame(axes, model, np.vstack([*result.position, *(result.position + scale * force), drawing.floor]), NAMED_ROOM)
+        drawing.name(result.position[first], members=False)
         figure.text((i + 0.5) / 3.0, 0.035, label, ha="center", fontsize=10, color=BAR)
-        scenes.append((Drawing(axes, model), result, slack_strings(result), force, scale, first))
+        scenes.append((drawing, result, slack_strings(result), force, scale, first))
     figure.text(0.015, 0.95, LEGEND, fontsize=10, color=NSH)
     clock = figure.text(0.985, 0.95, "", ha="right", fontsize=10, color=BAR)
 

@@ -13,6 +13,8 @@ from PIL import Image
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
 from tensegrity_core.output.page import write_page
+from tensegrity_core.scene.towers import tower
+from tensegrity_core.statics import build_model
 from tests.support import element_scenes, push, scene
 from tests.support.browser import CHROMIUM, Browser
 from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, POLE, built
@@ -224,6 +226,33 @@ def test_names_and_numbers_are_shown_on_demand(opened):
     page.wait(f"{APP}.overlay.canvas.toDataURL() !== {blank!r}")
     page.key("Escape")
     assert page.run(f"{APP}.chosen") is None
+
+
+def test_names_of_a_crowd_lie_on_no_other_and_one_that_is_chosen_is_there(browser, tmp_path):
+    """Of a small scene all names are there; of a tower as many as have room, and more of them nearer by."""
+    written = f"{APP}.overlay.taken.map(([x, y, wide]) => [x, y, wide])"
+    for model, names in ((scene("three_bar_nsh"), 15), (build_model(tower(10)), 231)):
+        path = tmp_path / f"{model.name}.html"
+        write_page(path, model)
+        browser.problems.clear()
+        browser.open(path)
+        browser.wait(f"{APP} && {APP}.intervals.length > 2")
+        browser.run(f"{APP}.play(false); {APP}.names = 2; {APP}.choose({{kind: 'string', index: 5}})")
+        browser.wait(f"{APP}.still")
+        assert len(model.node_names) + len(model.bar_names) + len(model.string_names) == names
+        width, height = browser.run(f"[{APP}.stage.width, {APP}.stage.height]")
+        boxes = browser.run(written)
+        assert len(boxes) == names if names < 20 else 40 < len(boxes) < names
+        for (x, y, wide), (u, v, other) in itertools.combinations(boxes, 2):
+            assert abs(x - u) >= wide + other or abs(y - v) >= 13.0
+        for x, y, wide in boxes[1:]:
+            assert wide <= x <= width - wide and 6.0 <= y <= height - 6.0
+        middle = browser.run(
+            f"(a => a.stage.project(a.structure.node(a.model.strings[5][0]).add("
+            f"a.structure.node(a.model.strings[5][1])).multiplyScalar(0.5)))({APP})"
+        )
+        assert np.hypot(boxes[0][0] - middle[0], boxes[0][1] - middle[1]) < 60.0
+        assert not browser.problems
 
 
 def test_a_run_is_played_back_to_its_end(opened):
