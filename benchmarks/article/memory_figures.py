@@ -14,6 +14,7 @@ from .memory_loops import CLOSED, REACH, STIFFNESS, single_valued
 INK, RED, TEAL, YELLOW, GREY, VIOLET = COLOURS
 #: Law -> label and colour.
 LAWS = {"series": ("single-valued, k in series", RED), "memory": ("with memory", INK)}
+DASHES = {"series": "--", "memory": "-"}
 
 
 def kernel_points(axes, series: dict, every: int = 40) -> None:
@@ -41,15 +42,15 @@ def honeycomb(data: dict) -> Figure:
     figure = new_figure(8.6, 3.6)
     whole, partial = figure.subplots(1, 2, sharey=True)
     loop, x = data["honeycomb"], np.linspace(0.0, REACH, 1500)
-    whole.plot(1e2 * x, single_valued(x), color=RED, lw=0.9, label=LAWS["series"][0])
+    whole.plot(1e2 * x, single_valued(x), "--", color=RED, lw=0.9, label=LAWS["series"][0])
     whole.plot(1e2 * np.array(loop["x"]), loop["force"], color=INK, label="with memory, exact law")
     kernel_points(whole, data["columns"]["honeycomb"])
     whole.set(title=f"the article's NSH, k = {STIFFNESS:g} N/m", xlabel="elongation in cm", ylabel="force in N")
     whole.legend()
     partial.plot(1e2 * np.array(loop["x"]), loop["force"], color=COLOURS[4], lw=0.7)
-    for one, colour in zip(data["partial"], (TEAL, RED, VIOLET)):
+    for one, colour, dashes in zip(data["partial"], (TEAL, RED, VIOLET), ("-", "--", ":")):
         label = " \u2192 ".join(f"{1e2 * turn:.1f}" for turn in one["turns"]) + " cm"
-        partial.plot(1e2 * np.array(one["x"]), one["force"], color=colour, label=label)
+        partial.plot(1e2 * np.array(one["x"]), one["force"], dashes, color=colour, label=label)
     partial.set(title="partial loops", xlabel="elongation in cm")
     partial.legend()
     return figure
@@ -61,8 +62,9 @@ def stiffness(data: dict) -> Figure:
     axes, scan = figure.subplots(), data["columns"]["stiffness"]
     axes.plot(scan["stiffness"], 1e3 * scan["loss"], "-o", color=INK, label="all four in series")
     axes.axhline(1e3 * data["stiffness"]["rigid"], color=INK, ls=":", label="all four, rigid string")
-    for i, (limit, colour) in enumerate(zip(data["stiffness"]["beams"], (TEAL, YELLOW, RED, VIOLET)), 1):
-        axes.plot(scan["stiffness"], 1e3 * scan[f"beam_{i}.loss"], "-", color=colour, label=f"beam {i} alone")
+    looks = zip((TEAL, YELLOW, RED, VIOLET), ("-", "--", "-.", (0, (1, 1))))
+    for i, (limit, (colour, dashes)) in enumerate(zip(data["stiffness"]["beams"], looks), 1):
+        axes.plot(scan["stiffness"], 1e3 * scan[f"beam_{i}.loss"], linestyle=dashes, color=colour, label=f"beam {i} alone")
         axes.plot(limit, 0.0, "|", color=colour, ms=14, mew=2)
     axes.set(xscale="log", xlabel="own stiffness in N/m", ylabel="mJ per cycle", title="energy lost in snaps in a full cycle")
     axes.legend(ncols=2)
@@ -75,7 +77,9 @@ def heights(data: dict) -> Figure:
     slow, sudden = data["columns"]["ramp"], data["columns"]["I"]
     for axes, (name, title) in zip(figure.subplots(1, 3), SYSTEMS.items()):
         for law, (label, colour) in LAWS.items():
-            axes.plot(slow["lift"], slow[f"{name}.{law}.z"], color=colour, lw=1.0, label=f"{label}: slow, up and back")
+            axes.plot(
+                slow["lift"], slow[f"{name}.{law}.z"], DASHES[law], color=colour, lw=1.0, label=f"{label}: slow, up and back"
+            )
         axes.plot(sudden["lift"], sudden[f"{name}.memory.z"], ".", color=TEAL, ms=4, label="with memory: sudden lifts")
         axes.set(title=title, xlabel="lift of each top node in N")
     figure.axes[0].set_ylabel("mean height of the top nodes in m")
@@ -91,8 +95,8 @@ def waves(data: dict) -> Figure:
         for law, (label, colour) in LAWS.items():
             prefix = f"{law}.d{d:g}"
             way = np.linalg.norm([found[f"{prefix}.n5.d{axis}"] for axis in "xyz"], axis=0)
-            moved.plot(found["time"], way, color=colour, lw=0.9, label=label)
-            force.plot(found["time"], found[f"{prefix}.s1.elastic_force"], color=colour, lw=0.9)
+            moved.plot(found["time"], way, DASHES[law], color=colour, lw=0.9, label=label)
+            force.plot(found["time"], found[f"{prefix}.s1.elastic_force"], DASHES[law], color=colour, lw=0.9)
         moved.set(title=f"distance of n5 from its start, d = {d:g} N s/m", ylabel="m")
         force.set(title=f"elastic force of n1-n4, d = {d:g} N s/m", ylabel="N")
     for axes in rows[-1]:

@@ -187,7 +187,7 @@ def figure_of(result: dict) -> Figure:
         axes.grid(color="#dddddd", linewidth=0.6)
         if axes.lines:
             axes.legend(frameon=False, fontsize=8, loc="upper left")
-            axes.set_ylim(top=30.0 * axes.get_ylim()[1])  # room for the legend
+            axes.set_ylim(top=200.0 * axes.get_ylim()[1])  # room for the legend
     return figure
 
 

@@ -322,7 +322,10 @@ def _draw_overloads(ax, rows) -> None:
     span = np.geomspace(1e-6, 1.0, 40)
     for delta in dict.fromkeys(row["delta"] for row in rows):
         chosen, colour = [row for row in rows if row["delta"] == delta], DELTA_COLOUR[delta]
-        ax.plot([row["overload"] for row in chosen], [row["time"] for row in chosen], "o", color=colour, label=f"δ = {delta:g}")
+        mark = "osD^v"[list(DELTA_COLOUR).index(delta) % 5]
+        ax.plot(
+            [row["overload"] for row in chosen], [row["time"] for row in chosen], mark, color=colour, label=f"δ = {delta:g}"
+        )
         ax.plot(span, [snap_time(delta, x) for x in span], color=colour)
     ax.set(
         xscale="log",
@@ -348,13 +351,13 @@ def _draw_winding_growth(ax, rows) -> None:
 def _draw_winding(ax, rows) -> None:
     u = np.linspace(0.0, 2.0 * H, 200)
     ax.plot(1e3 * u, force(u), color=common.COLOURS[0], label="theory: f(u)")
-    for row, colour in zip(rows, common.COLOURS[1:]):
-        ax.plot(1e3 * common.numbers(row["u"]), row["load"], ".", color=colour, label=f"k_s = {row['ratio']:g} κ")
+    for row, colour, mark in zip(rows, common.COLOURS[1:], ".x+^v"):
+        ax.plot(1e3 * common.numbers(row["u"]), row["load"], mark, color=colour, label=f"k_s = {row['ratio']:g} κ")
         if row["jump"]:
             leaves, load, lands, after = row["jump"]
             ax.plot([1e3 * leaves, 1e3 * lands], [load, after], color=colour, lw=0.9, label="theory: slope −k_s")
     ax.set(xlabel="u, mm", ylabel="tension of the winding string, N", title="Winding in: path")
-    ax.legend(loc="upper center")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
 
 
 def _draw_steps(ax, rows) -> None:

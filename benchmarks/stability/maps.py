@@ -178,7 +178,8 @@ def _draw_map(ax, one: dict, method: str) -> None:
 
 def _legends(axes) -> None:
     spectrum = [Line2D([], [], color=c, label=t) for c, t in ((LINE, "−Re λ"), (OTHER, "Im λ"))]
-    axes[0, 0].legend(handles=spectrum, loc="upper left")
+    figure = axes[0, 0].figure
+    figure.legend(handles=spectrum, loc="outside upper right", ncols=2)
     handles = [
         Line2D([], [], ls="", marker=".", color=STABLE, label="measured: stable"),
         Line2D([], [], ls="", marker="x", color=UNSTABLE, label="measured: unstable"),
@@ -186,7 +187,7 @@ def _legends(axes) -> None:
         Line2D([], [], color=LINE, label="theory: max |R(hλ)| = 1"),
         Line2D([], [], color=OTHER, ls="--", label="theory: explicit Euler"),
     ]
-    axes[1, 0].legend(handles=handles, loc="lower left")
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
 
 
 def decades(maps: list[dict]) -> list[dict]:
