@@ -33,7 +33,10 @@ myst_links_external_new_tab = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 #: Types of other packages, whose pages a site without network does not know.
-nitpick_ignore_regex = [("py:.*", r"(np|numpy|pd|pandas|xr|xarray|pathlib|collections)\..*"), ("py:.*", r"(Path|Any|Mapping)")]
+nitpick_ignore_regex = [
+    ("py:.*", r"(np|numpy|pd|pandas|xr|xarray|pathlib|collections|dataclasses)\..*"),
+    ("py:.*", r"(Path|Any|Mapping)"),
+]
 
 html_theme = "furo"
 html_title = project
@@ -67,6 +70,11 @@ def visit_equation(self, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def as_written(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Docstrings are plain text: a bar is one of |x|, a star one of a product."""
+    lines[:] = [re.sub(r"([|*])", r"\\\1", line) for line in lines]
+
+
 def write_live_pages(app: Sphinx) -> None:
     """The pages in which a model moves, into the site's folder live/."""
     if app.builder.format != "html" or app.tags.has("plain"):
@@ -74,11 +82,16 @@ def write_live_pages(app: Sphinx) -> None:
     folder = Path(app.outdir) / "live"
     folder.mkdir(parents=True, exist_ok=True)
     log.info("writing the pages in which a model moves ... ")
-    tc.view("three_bar_nsh", folder / "three_bar_nsh.html")
+    for name in ("three_bar_nsh", "six_bar_nsh"):
+        tc.view(name, folder / f"{name}.html")
+    pull = {f"{node}.force.z": ([0.0, 2.8, 2.8, 5.0], [0.0, 64.0, 0.0, 0.0]) for node in ("n10", "n11", "n12")}
+    light = tc.load("six_bar_nsh", {"materials.cable.damping": 50.0})  # so that the release is seen to swing
+    tc.view(tc.simulate(light, pull, duration=5.0, step=0.02, tolerance=1e-6), folder / "six_bar_pulled.html")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """What Sphinx calls."""
     app.add_html_math_renderer("mathml", (visit_formula, None), (visit_equation, None))
+    app.connect("autodoc-process-docstring", as_written)
     app.connect("builder-inited", write_live_pages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,5 +1,5 @@
-"""What README's table says of additions is true: in a copy of the tree an output, an input, a string law and an integrator are
-added by these steps alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
+"""What docs/extending.md says of additions is true: in a copy of the tree an output, an input, a string law and an integrator
+are added by these steps alone, the copy is built, and an FMU that has them is validated; and what is left half done is found.
 """
 
 from __future__ import annotations
