@@ -81,8 +81,8 @@ HOSTS = {
 }
 
 #: Of the kernel for web pages: what a page calls (output/page/web/kernel.js), and how it is compiled, with vectors for pairs.
-WEB_CALLS = """create free counts values integers real_count integer_count time message status_name reset check initialize step
-    output_first transition_count transition_stored transitions stats state_size save restore""".split()
+WEB_CALLS = """create free counts values integers real_count integer_count time message concerned status_name reset check
+    initialize step output_first transition_count transition_stored transitions stats state_size save restore""".split()
 WEB_FLAGS = ["-target", "wasm32-wasi", "-mexec-model=reactor", "-msimd128"]
 
 

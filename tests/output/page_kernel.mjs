@@ -36,7 +36,15 @@ for (const job of JSON.parse(readFileSync(jobsFile))) {
   const back = kernel.values.every((value, i) => value === before[i]);
   kernel.step(job.steps[0]);
   const again = kernel.values.every((value, i) => value === ahead[i]);
-  told.push({ transitions, snapped, restored: back && again, stats, time: kernel.time });
+  let refused = null;
+  const time = kernel.time;
+  kernel.field("rest_length_rate")[1] = -1e6;
+  try {
+    kernel.step(job.steps[0]);
+  } catch ({ status, field, place, message }) {
+    refused = { status, field, place, message };
+  }
+  told.push({ transitions, snapped, restored: back && again, stats, time, refused });
 }
 const all = new Float64Array(rows.reduce((sum, row) => sum + row.length, 0));
 let at = 0;

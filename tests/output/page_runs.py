@@ -29,7 +29,7 @@ RUNNER = Path(__file__).with_name("page_kernel.mjs")
 class Run(NamedTuple):
     """One scene under one method: the library's result, and what the page's kernel gave.
 
-    values: (K+1, outputs) of the page's kernel by field; told: transitions, snapped, restored, stats, time.
+    values: (K+1, outputs) of the page's kernel by field; told: transitions, snapped, restored, stats, time, refused.
     """
 
     model: Model

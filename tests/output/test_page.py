@@ -65,6 +65,14 @@ def test_a_saved_state_of_the_pages_kernel_goes_on_to_the_last_bit(runs):
     assert all(run.told["restored"] for run in runs)
 
 
+@PAGE
+def test_the_pages_kernel_names_the_value_that_it_refuses(runs):
+    for run in runs:
+        refused = run.told["refused"]
+        assert (refused["status"], refused["field"], refused["place"]) == ("bad_input", "rest_length", 1)
+        assert refused["message"].startswith("would become negative within the step")
+
+
 def told(html: str) -> dict:
     """What the page is told of its model."""
     return json.loads(re.search(r'<script type="application/json" id="model">(.*?)</script>', html, re.DOTALL)[1])

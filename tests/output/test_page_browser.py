@@ -182,6 +182,15 @@ def test_rk4_with_a_long_step_explodes_and_the_page_says_so(opened):
     assert page.run(f"{APP}.live.failure") is None and page.run("document.getElementById('notice').hidden")
 
 
+def test_a_rest_length_that_would_become_negative_is_named(opened):
+    page = opened("three_bar_nsh")
+    page.run(f"{APP}.live.goal.rest_length[1] = -1; {APP}.live.kernel.field('rest_length')[1] = 1e-4")
+    page.run(f"{APP}.play(true)")
+    page.wait(f"{APP}.live.failure")
+    assert page.run(f"{APP}.live.failure.message").startswith("s2.rest_length = ")
+    assert "s2.rest_length" in page.run("document.getElementById('notice').textContent")
+
+
 def test_time_goes_back_and_on_from_there(opened):
     page = opened("three_bar_nsh")
     page.run(f"{APP}.live.held[2] = 45; {APP}.restart(); {APP}.play(true)")

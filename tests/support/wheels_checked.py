@@ -93,7 +93,7 @@ def surroundings_of(folder: Path, path: str = "/nowhere") -> dict[str, str]:
 
 
 def check_here(wheel: Path, python: str, folder: Path) -> str:
-    """A fresh environment of a Python.  Returns the table that `build` prints."""
+    """A fresh environment of a Python.  Returns the rows of the table that `build` prints."""
     home = folder / "ü #1"
     home.mkdir()
     settings = surroundings_of(home)
@@ -111,7 +111,8 @@ def check_here(wheel: Path, python: str, folder: Path) -> str:
         os.environ | settings | pip | {"HOME": os.environ.get("HOME", "/")},
     )
     run([own, "-I", "-m", "tensegrity_core", "check", "three_bar_nsh"], home, settings)
-    return run([own, "-I", "-m", "fmu_src.build", "three_bar_nsh"], home, settings).splitlines()[-1]
+    shown = run([own, "-I", "-m", "fmu_src.build", "three_bar_nsh"], home, settings)
+    return "\n  ".join(line for line in shown.splitlines() if line.startswith("three_bar_nsh "))
 
 
 def check_aarch64(wheel: Path, folder: Path) -> str:
@@ -166,7 +167,7 @@ def main(words: list[str] | None = None) -> int:
             if platform == "linux64":
                 for i, python in enumerate(options.pythons):
                     (folder / str(i)).mkdir()
-                    print(f"  {python}: {check_here(wheel, python, folder / str(i))}", flush=True)
+                    print(f"  {python}:\n  {check_here(wheel, python, folder / str(i))}", flush=True)
     return 0
 
 

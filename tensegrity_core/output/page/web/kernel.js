@@ -3,10 +3,13 @@
 const TRANSITION_BYTES = 32; // ts_transition: two doubles, three int32, padding
 
 export class KernelError extends Error {
-  // status: short name of the cause, as in native/errors.def, in small letters
-  constructor(status, message) {
+  // status: short name of the cause, as in native/errors.def, in small letters; field, place: of a value that is refused, whose
+  // name the message goes on from
+  constructor(status, message, field = null, place = 0) {
     super(message);
     this.status = status;
+    this.field = field;
+    this.place = place;
   }
 }
 
@@ -108,6 +111,9 @@ export class Kernel {
   #succeed(status) {
     if (!status) return;
     const name = this.#text(this.#calls.ts_status_name(status)).toLowerCase();
-    throw new KernelError(name, this.#text(this.#calls.ts_message(this.#sim)));
+    const concerned = name === "bad_input" ? this.#calls.ts_concerned(this.#sim) : -1;
+    const held = Object.entries(this.fields).find(([, [start, stop]]) => start <= concerned && concerned < stop);
+    const [field, [start]] = held ?? [null, [0]];
+    throw new KernelError(name, this.#text(this.#calls.ts_message(this.#sim)), field, concerned - start);
   }
 }

@@ -123,9 +123,18 @@ export class Live {
       call();
       return true;
     } catch (error) {
-      this.failure = { status: error.status ?? "error", message: error.message, time: this.kernel.time };
+      const message = error.field ? `${this.#nameOf(error)} ${error.message}` : error.message;
+      this.failure = { status: error.status ?? "error", message, time: this.kernel.time };
       return false;
     }
+  }
+
+  // Of a value that the kernel refuses, and the value: s1.rest_length = 0.01.
+  #nameOf({ field, place }) {
+    const values = this.kernel.field(field);
+    const names = this.model.stringNames;
+    const name = values.length === names.length ? `${names[place]}.${field}` : field;
+    return `${name} = ${Number(values[place].toPrecision(6))}`;
   }
 
   // Force on the free nodes: what is held, and a spring with a damper to the place that a node is pulled to.
