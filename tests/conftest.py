@@ -23,6 +23,17 @@ from tensegrity_core.output.page.made import folder_of_parts
 from tensegrity_core.scene import builtin_scenes
 from tests.support import scene
 
+#: Files that take longest, the longest first: a worker that begins one of them last would end alone.
+LONG = """native_platforms additions stability assertions python_host native_sources readme notebooks wheel wheels
+    native_host benchmarks refused_calls trials hostile_models fmu_validate pictures_fit page_browser experiments
+    progress program""".split()
+
+
+def pytest_collection_modifyitems(items):
+    """Long files first, then the others as they stand."""
+    places = {f"test_{name}.py": place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path.name, len(LONG)))
+
 
 @pytest.fixture(scope="session", autouse=True)
 def folder_that_lxml_can_name():

@@ -310,7 +310,13 @@ def test_linux64_for_old_systems_gives_the_same_trajectory(native, fmu, tmp_path
 @CROSS
 def test_win64_gives_the_same_trajectory(native, fmu, tmp_path):
     wine = program(*WINE)
-    surroundings = {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    surroundings = {
+        "WINEPREFIX": str(tmp_path / "wine"),
+        "WINEDEBUG": "-all",
+        "WINEDLLOVERRIDES": "mscoree,mshtml=",
+        "HOME": str(tmp_path),
+        "PATH": "/usr/bin:/bin",
+    }
     same(steps(fmu, tmp_path / "fmu", "win64", [wine], host(tmp_path, "win64"), surroundings, "Z:"), native)
 
 
