@@ -18,6 +18,7 @@ import pytest
 from tensegrity_core import progress
 from tensegrity_core.cli import main
 from tensegrity_core.files import write_text
+from tensegrity_core.output.page import bundle
 from tensegrity_core.progress import Bar, Shares, at_terminal, clock, each, expected, guessed
 from tensegrity_core.scene.towers import tower_text
 
@@ -31,13 +32,10 @@ EMPTIED = b"\r\x1b[1A\x1b[2K"
 LEFT = re.compile(rb"[0-9]+ % \d+:\d\d left")
 #: The command with a bar that appears at once, so that runs can be short.
 COMMAND = """
-import sys
 from tensegrity_core import progress
 from tensegrity_core.cli import main
-from tensegrity_core.files import write_text
-progress.DELAY = 0.0
 from tensegrity_core.interrupts import program
-from tensegrity_core.cli import main
+progress.DELAY = 0.0
 program(main)
 """
 
@@ -167,8 +165,12 @@ LONG = {
 
 
 @pytest.mark.parametrize("words", LONG.values(), ids=LONG)
-def test_whatever_may_take_long_tells_how_far_it_is(words, native_fmus, tmp_path, monkeypatch, capsys):
+def test_whatever_may_take_long_tells_how_far_it_is(words, native_fmus, tmp_path, monkeypatch, capsys, request):
     """Parts that grow from 0 to 1, again and again where there are stages; two of them at least, so that time can be told."""
+    if words.startswith("view"):
+        if bundle.missing():
+            pytest.skip("the page cannot be built here")
+        request.getfixturevalue("made_page")
     monkeypatch.chdir(tmp_path)
     write_text(tmp_path / "tower.toml", tower_text(30))
     told = []
