@@ -55,9 +55,20 @@ linkcheck_retries = 2
 log = logging.getLogger(__name__)
 
 
+#: Accents of MathML as letters that combine with the one before: most browsers have no font that sets the former.
+COMBINING = {"\u00a8": "\u0308", "\u02c6": "\u0302", "\u02d9": "\u0307"}
+ACCENTED = re.compile(r'<mover accent="true">\s*<mi>(\w)</mi>\s*<mo stretchy="false">(.)</mo>\s*</mover>')
+
+
+def mathml(text: str, as_block: bool = False) -> str:
+    """A formula of LaTeX's as MathML."""
+    written = latex2mathml.tex2mathml(text, as_block)
+    return ACCENTED.sub(lambda found: f'<mi class="accented">{found[1]}{COMBINING[found[2]]}</mi>', written)
+
+
 def visit_formula(self, node: nodes.math) -> None:
     """A formula in a line, as MathML."""
-    self.body.append(latex2mathml.tex2mathml(node.astext()))
+    self.body.append(mathml(node.astext()))
     raise nodes.SkipNode
 
 
@@ -66,7 +77,7 @@ def visit_equation(self, node: nodes.math_block) -> None:
     text, number = node.astext(), ""
     if tag := re.search(r"\\tag\{([^}]*)\}", text):
         text, number = text.replace(tag[0], ""), f'<span class="equation-number">({tag[1]})</span>'
-    self.body.append(f'<div class="equation">{latex2mathml.tex2mathml(text, as_block=True)}{number}</div>\n')
+    self.body.append(f'<div class="equation">{mathml(text, as_block=True)}{number}</div>\n')
     raise nodes.SkipNode
 
 

@@ -22,8 +22,12 @@ def test_the_command_knows_every_figure_and_every_written_page():
         "view_plane",
         "report_desktop",
         "report_phone",
+        "site_desktop",
+        "site_phone",
+        "site_theory",
     }
-    drawn |= pages  # a browser's: python -m tests.output.page_pictures
+    drawn |= pages  # a browser's: python -m tests.output.page_pictures, and tests.whole.site_pictures
+    drawn.add("beam")  # python -m benchmarks.article.beam
     assert {path.name for path in (DOCS / "figures").iterdir()} == {f"{name}.png" for name in drawn}
     shown = {name for page in DOCS.glob("*.md") for name in re.findall(r"\(figures/(\w+)\.png\)", page.read_text("utf-8"))}
     assert shown == drawn, "a figure that no page shows, or one that nothing draws"
