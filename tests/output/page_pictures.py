@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 import tempfile
 import time
@@ -146,7 +147,8 @@ def with_table(page: str, found: dict[str, Any]) -> str:
         "| work of the page in it | simulated s per s | page, MB |\n|---|---|---|---|---|---|---|---|\n"
     )
     machine = f"{found['machine']['processor']}, commit {found['machine']['commit']}, {found['machine']['date']}"
-    return head + MARKS[0] + table + "\n".join(rows) + f"\n\n({machine}.)\n" + MARKS[1] + tail
+    busy = f"the mean load was {found['load']:g} before"
+    return head + MARKS[0] + table + "\n".join(rows) + f"\n\n({machine}; {busy}.)\n" + MARKS[1] + tail
 
 
 def measured() -> dict[str, Any]:
@@ -173,7 +175,8 @@ def main() -> None:
             view_pictures(Path(folder))
             report_pictures(Path(folder))
     if "--pictures" not in sys.argv:
-        found = {"times": measured(), "machine": describe()}
+        busy = round(os.getloadavg()[0], 1)
+        found = {"times": measured(), "load": busy, "machine": describe()}
         write_text(DATA, json.dumps(found, indent=1) + "\n")
         write_text(PAGE, with_table(PAGE.read_text(encoding="utf-8"), found))
 
