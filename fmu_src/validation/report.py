@@ -109,13 +109,13 @@ def pictures(run: Run) -> dict[str, bytes]:
     """PNGs by what they show: heights of the free nodes, and tensions of the strings; FMU minus reference below."""
     model, times = run.scenario.model, run.reference.times
     free = model.free_nodes
-    heights = [(position - model.nodes)[:, free, 2] for position in (run.fmu["position"], run.reference.position)]
+    ours, theirs = ((position - model.nodes)[:, free, 2] for position in (run.fmu["position"], run.reference.position))
     gap = np.abs(run.fmu["position"] - run.reference.position)[:, free].max(axis=2)
     names = [model.node_names[i] for i in free]
     tensions = run.fmu["string_force"], run.reference.string_force
     apart = np.abs(tensions[0] - tensions[1])
     return {
-        "vertical displacement of the free nodes": _picture(times, *heights, gap, names, "displacement, m", "error, m"),
+        "vertical displacement of the free nodes": _picture(times, ours, theirs, gap, names, "displacement, m", "error, m"),
         "tension of the strings": _picture(times, *tensions, apart, model.string_names, "tension, N", "error, N"),
     }
 
