@@ -3,7 +3,7 @@
 One model, two independent implementations: `tensegrity_core.reference` holds the matrix equations in NumPy, integrated
 by SciPy; `tensegrity_core.kernel` drives the C kernel.  They share scene data (`tensegrity_core.model`) and nothing else.
 
-Scripts begin with `load`, `simulate`, `equilibrium`, `modes`, `build` and `view`: see `tensegrity_core.api`.
+Scripts begin with `load`, `simulate`, `equilibrium`, `modes`, `linearize`, `build` and `view`: see `tensegrity_core.api`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,19 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-__all__ = ["Equilibrium", "Run", "build", "equilibrium", "load", "modes", "read_inputs", "scenes", "simulate", "view"]
+__all__ = [
+    "Equilibrium",
+    "Run",
+    "build",
+    "equilibrium",
+    "linearize",
+    "load",
+    "modes",
+    "read_inputs",
+    "scenes",
+    "simulate",
+    "view",
+]
 
 
 def __getattr__(name: str) -> Any:

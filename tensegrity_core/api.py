@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,17 +19,18 @@ import pandas as pd
 import xarray as xr
 
 from . import kernel, statics
-from .equilibria import steady_states
+from .equilibria import linearization, steady_states
 from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
 from .errors import InputError
 from .fields import outputs
 from .model import Inputs, Model, Result, grid
 from .model.components import names, own_names
-from .model.inputs import require_room
+from .model.inputs import INPUTS, carried, require_room
 from .model.signals import Signal, driven, places, require_known
 from .output import series
 from .output.export import require_writable
+from .output.state_space import StateSpace
 from .quantities import number
 from .scene import builtin_scenes, load_scene, parse_scene
 
@@ -228,6 +229,58 @@ def modes(scene: Scene | Equilibrium, forces: Mapping[str, float] | None = None,
     """
     state = scene if isinstance(scene, Equilibrium) else equilibrium(scene, forces)
     return small_motions(state.model, _constant(state.model, forces), damped=damped)
+
+
+def linearize(
+    scene: Scene | Equilibrium | Run,
+    forces: Mapping[str, float] | None = None,
+    inputs: Iterable[str] | None = None,
+    outputs: Iterable[str] | None = None,
+    motions: bool = False,
+    side: str | None = None,
+) -> StateSpace:
+    """The linear system A, B, C, D about the steady state under forces, or about the last row of a run; see
+    docs/linearization.md.
+
+    inputs, outputs: by name, None: all; motions: inputs whose rates are inputs too become states that the rates move; side:
+    of a string at an end of its piece, 'longer' or 'shorter'.  Raises TensegrityError.
+    """
+    if isinstance(scene, Run):
+        if forces:
+            raise InputError("forces: a run has its own; leave them out")
+        model, at = scene.model, _last(scene)
+    else:
+        rest = scene if isinstance(scene, Equilibrium) else equilibrium(scene, forces)
+        model, at = rest.model, linearization.at_rest(rest.model, _constant(rest.model, forces))
+    found = StateSpace.of(model.name, linearization.linearize(model, at, side))
+    if isinstance(scene, Run):
+        _require_branches(scene, found)
+    found = found.only(inputs, outputs)
+    return found.with_motions() if motions else found
+
+
+def _last(run: Run) -> linearization.State:
+    """The state and the inputs at the end of a run."""
+    model, result = run.model, run.result
+    given = run.inputs.resolved(model)
+    start = {name: np.asarray(getattr(given, name), dtype=float)[-1] for name in INPUTS}
+    last = carried(start, float(result.times[-1] - result.times[-2]))
+    velocity, moving = result.velocity[-1].copy(), list(model.moving)
+    velocity[moving] = last["node_velocity"]
+    last["rest_length"][list(model.actuated)] = result.wound_rest_length[-1]
+    return linearization.State(result.position[-1], velocity, result.motor_speed[-1], last)
+
+
+def _require_branches(run: Run, found: StateSpace) -> None:
+    """Raises InputError where a string with memory is on another branch at the run's end than one stretched from slack."""
+    values = {quantity.name: quantity.value for quantity in found.outputs}
+    for j in run.model.memories:
+        name, tension = run.model.string_names[j], float(run.result.elastic_force[-1, j])
+        if abs(values[f"{name}.elastic_force"] - tension) > 1e-6 * max(1.0, abs(tension)):
+            raise InputError(
+                f"{name} has memory and does not stand where it would be when stretched from slack; linearise about a run that "
+                "ends on its first loading, or about a steady state"
+            )
 
 
 def _constant(model: Model, forces: Mapping[str, float] | None) -> np.ndarray:

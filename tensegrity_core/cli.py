@@ -24,6 +24,7 @@ COMMANDS = {
     "run": Subcommand("fmu_src.run", "run an FMU over inputs from a file"),
     "path": Subcommand(f"{HERE}.path", "follow steady states under a slow load, through snaps"),
     "modes": Subcommand(f"{HERE}.modes", "frequencies, damping and shapes of small motions"),
+    "linearize": Subcommand(f"{HERE}.linearize", "matrices A, B, C, D of small motions, with names and units"),
     "experiment": Subcommand(f"{HERE}.experiment", "run one of the article's experiments"),
     "tower": Subcommand(f"{HERE}.tower", "write the scene file of a tower of any number of stages"),
     "schema": Subcommand(f"{HERE}.schema", "print the JSON schema of scene files"),

@@ -21,7 +21,7 @@ from ..errors import InputError, TensegrityError, shown
 #: was asked to end has 128 and the signal's number, see interrupts.py.
 DONE, FAILED, MISTAKE = 0, 1, 2
 #: Options that take all values that follow them, as in `--force n4.z=45 n5.z=45`; they may be repeated, too.
-SEVERAL = ("--force", "--rest-length", "--systems", "--set")
+SEVERAL = ("--force", "--rest-length", "--systems", "--set", "--inputs", "--outputs")
 #: Base class of what typer raises for a command line that it cannot read.
 _Unreadable: Any = typer.BadParameter.__mro__[2]
 

@@ -200,6 +200,7 @@ COMMANDS = [
     ("path two_bar --force n4.z=1 --to 5 --output path.csv", "path.csv"),
     ("path two_bar --force n4.z=1 --to 5 --figure path.png", "path.png"),
     ("modes two_bar --figure modes.svg", "modes.svg"),
+    ("linearize two_bar --inputs n4.force.z --outputs n4.z --output linear.mat", "linear.mat"),
     ("build two_bar --runtime native --no-validate --output built", "built/native/two_bar.fmu"),
     ("run built/native/two_bar.fmu --duration 0.1 --output fmu.nc", "fmu.nc"),
     ("experiment beam", "experiment_beam.csv"),

@@ -1,0 +1,174 @@
+"""A linear system as scripts use it: its matrices with names and units, parts of it, and its files."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..equilibria.linearization import Linear, Quantity
+from ..errors import InputError
+from ..files import replacing, write_text
+from .export import require_writable
+
+#: What an input's name has where its rate's has something else.
+RATES = {".rest_length": ".rest_length_rate", ".position.": ".velocity.", ".velocity.": ".acceleration."}
+MOST_NAMES = 30  # that a message lists
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = drift + A x + B u, y = C x + D u, all of them deviations from an operating point.
+
+    A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs); states, inputs, outputs: their names, units, and values at the
+    operating point; drift: (n,) x' there, 0 at an equilibrium; strings: what each string is on: 'slack', 'taut', or how many of
+    its parts are snapped; scene: its name.
+    """
+
+    scene: str
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    states: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    outputs: tuple[Quantity, ...]
+    drift: np.ndarray
+    strings: dict[str, str]
+
+    @classmethod
+    def of(cls, scene: str, linear: Linear) -> StateSpace:
+        return cls(scene, **linear._asdict())
+
+    @property
+    def poles(self) -> np.ndarray:
+        """(n,) complex 1/s: eigenvalues of A."""
+        return np.linalg.eigvals(self.A) if len(self.A) else np.zeros(0, dtype=complex)
+
+    def response(self, s: complex) -> np.ndarray:
+        """(outputs, inputs) complex: the transfer function C (s - A)^-1 B + D at s, 1/s."""
+        return self.C @ np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B) + self.D
+
+    def only(self, inputs: Iterable[str] | None = None, outputs: Iterable[str] | None = None) -> StateSpace:
+        """The same with these inputs and outputs, in this order; None: all of them.  Raises InputError for an unknown name."""
+        columns = _places("input", self.inputs, inputs, self.scene)
+        rows = _places("output", self.outputs, outputs, self.scene)
+        return replace(
+            self,
+            B=self.B[:, columns],
+            C=self.C[rows],
+            D=self.D[np.ix_(rows, columns)],
+            inputs=tuple(self.inputs[j] for j in columns),
+            outputs=tuple(self.outputs[j] for j in rows),
+        )
+
+    def with_motions(self) -> StateSpace:
+        """The same where an input whose rate is an input too is a state that the rate moves: what a rest length or a moved node
+        does when it moves without jumps."""
+        names = [quantity.name for quantity in self.inputs]
+        rate = {j: names.index(name) for j, name in enumerate(map(_rate_of, names)) if name in names}
+        moved, kept = list(rate), [j for j in range(len(names)) if j not in rate]
+        n, k = len(self.A), len(moved)
+        A, B = np.zeros((n + k, n + k)), np.zeros((n + k, len(kept)))
+        A[:n, :n], A[:n, n:], B[:n] = self.A, self.B[:, moved], self.B[:, kept]
+        for row, j in enumerate(moved, n):
+            if rate[j] in moved:
+                A[row, n + moved.index(rate[j])] = 1.0
+            else:
+                B[row, kept.index(rate[j])] = 1.0
+        drift = np.append(self.drift, [self.inputs[rate[j]].value for j in moved])
+        C, states = np.hstack([self.C, self.D[:, moved]]), (*self.states, *(self.inputs[j] for j in moved))
+        inputs = tuple(self.inputs[j] for j in kept)
+        return replace(self, A=A, B=B, C=C, D=self.D[:, kept], states=states, inputs=inputs, drift=drift)
+
+    def to_scipy(self) -> Any:
+        """scipy.signal.StateSpace of A, B, C and D; without inputs or outputs there is none: InputError."""
+        from scipy import signal
+
+        if not (self.inputs and self.outputs and self.states):
+            raise InputError(f"{self.scene}: scipy's StateSpace needs a state, an input and an output; ask for some")
+        return signal.StateSpace(self.A, self.B, self.C, self.D)
+
+    def data(self) -> dict[str, Any]:
+        """All of it, as JSON takes it."""
+        found: dict[str, Any] = {"scene": self.scene, "strings": self.strings}
+        for kind in ("states", "inputs", "outputs"):
+            found[kind] = [quantity._asdict() for quantity in getattr(self, kind)]
+        return found | {name: getattr(self, name).tolist() for name in ("A", "B", "C", "D", "drift")}
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as .json, or as .mat: A, B, C, D, drift, and cells such as StateName, InputUnit, with values in OutputValue.
+
+        Raises InputError where that cannot be written.
+        """
+        path = require_writable(path, (".json", ".mat"))
+        if path.suffix.lower() == ".json":
+            write_text(path, json.dumps(self.data(), indent=1) + "\n")
+            return path
+        from scipy import io
+
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in ("A", "B", "C", "D")}
+        arrays |= {"drift": self.drift[:, None], "scene": self.scene}
+        arrays |= {"StringName": _cells(self.strings), "StringBranch": _cells(self.strings.values())}
+        for kind in ("State", "Input", "Output"):
+            quantities = getattr(self, f"{kind.lower()}s")
+            arrays[f"{kind}Name"] = _cells(quantity.name for quantity in quantities)
+            arrays[f"{kind}Unit"] = _cells(quantity.unit for quantity in quantities)
+            arrays[f"{kind}Value"] = np.array([[quantity.value] for quantity in quantities]).reshape(-1, 1)
+        with replacing(path) as file:
+            io.savemat(file, arrays)
+        return path
+
+    def summary(self, count: int = 12) -> str:
+        """A few lines: sizes, what it is about, the slowest poles."""
+        lines = [f"{self.scene}: {len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"]
+        special = [f"{name} {branch}" for name, branch in self.strings.items() if branch != "taut"]
+        lines.append(f"  strings: {', '.join(special) or 'all of them'}{' and the others' if special else ''} taut")
+        largest = float(np.abs(self.drift).max(initial=0.0))
+        if largest > 1e-6:
+            lines.append(f"  about a state that is not at rest: x' is up to {largest:.3g} there")
+        poles = self.poles[self.poles.imag >= 0.0]
+        poles = poles[np.lexsort((np.abs(poles), -poles.real))]
+        lines += [f"  pole {p.real:z.6g}" + (f" +- {p.imag:.6g} i" if p.imag else "") + " /s" for p in poles[:count]]
+        if len(poles) > count:
+            lines.append(f"  and {len(poles) - count} that die out sooner")
+        for kind in ("inputs", "outputs"):
+            listed = [f"{q.name} [{q.unit}]" for q in getattr(self, kind)]
+            lines.append(f"  {kind}: {', '.join(listed[:count])}{', ...' if len(listed) > count else ''}")
+        return "\n".join(lines)
+
+
+def _places(kind: str, known: Sequence[Quantity], wanted: Iterable[str] | None, scene: str) -> list[int]:
+    names = [quantity.name for quantity in known]
+    if wanted is None:
+        return list(range(len(names)))
+    wanted = [wanted] if isinstance(wanted, str) else list(wanted)
+    for i, name in enumerate(wanted):
+        if name not in names:
+            close = difflib.get_close_matches(str(name), names, n=3)
+            guess = f"did you mean {' or '.join(close)}?" if close else f"{kind}s are {', '.join(names[:MOST_NAMES])}"
+            raise InputError(f"{name} is no {kind} of {scene}; {guess}")
+        if name in wanted[:i]:
+            raise InputError(f"{name} is given twice among the {kind}s; give it once")
+    return [names.index(name) for name in wanted]
+
+
+def _rate_of(name: str) -> str:
+    """The name of an input's rate; '' of one that has none."""
+    for part, rate in RATES.items():
+        if name.endswith(part) or (part.endswith(".") and part in name):
+            return name.replace(part, rate)
+    return ""
+
+
+def _cells(texts: Iterable[str]) -> np.ndarray:
+    """(n, 1) object: a cell array of texts."""
+    listed = list(texts)
+    found = np.empty((len(listed), 1), dtype=object)
+    found[:, 0] = listed
+    return found
