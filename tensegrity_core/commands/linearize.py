@@ -34,7 +34,7 @@ def linearize(
     """The linear system of small motions about a steady state: A, B, C, D with names and units."""
     from ..equilibria import linearization
     from ..output.export import require_writable
-    from ..output.state_space import StateSpace
+    from ..output.state_space import StateSpace, write
     from .words import model_of, steady
 
     path = require_writable(output, (".json", ".mat")) if output else None
@@ -44,5 +44,5 @@ def linearize(
     if motions:
         found = found.with_motions()
     if path:
-        found.save(path)
+        write(found, path)
     tell(found.data() if json else found.summary(), path)

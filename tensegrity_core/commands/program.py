@@ -21,7 +21,9 @@ from ..errors import InputError, TensegrityError, shown
 #: was asked to end has 128 and the signal's number, see interrupts.py.
 DONE, FAILED, MISTAKE = 0, 1, 2
 #: Options that take all values that follow them, as in `--force n4.z=45 n5.z=45`; they may be repeated, too.
-SEVERAL = ("--force", "--rest-length", "--systems", "--set", "--inputs", "--outputs")
+SEVERAL = ("--force", "--rest-length", "--systems", "--set")
+#: Those of one subcommand alone.
+SEVERAL_OF = {"linearize": ("--inputs", "--outputs")}
 #: Base class of what typer raises for a command line that it cannot read.
 _Unreadable: Any = typer.BadParameter.__mro__[2]
 
@@ -151,12 +153,14 @@ def _problem(error: Any, words: list[str]) -> str:
 
 
 def spread(words: Iterable[str]) -> list[str]:
-    """The same words, with an option of SEVERAL before each of its values."""
+    """The same words, with an option of SEVERAL (or SEVERAL_OF) before each of its values."""
+    words = list(words)
+    several = SEVERAL + SEVERAL_OF.get(next((word for word in words if not word.startswith("-")), ""), ())
     found: list[str] = []
     option = None
     for word in words:
         if word.startswith("--"):
-            option, fresh = (word, True) if word in SEVERAL else (None, False)
+            option, fresh = (word, True) if word in several else (None, False)
         elif option and not fresh:
             found.append(option)
         elif option:

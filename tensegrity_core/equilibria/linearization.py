@@ -191,11 +191,11 @@ class _System:
         self.phi = np.zeros((len(model.nodes), D, basis.shape[1]))
         self.phi[model.free_nodes] = basis.reshape(len(model.free_nodes), D, basis.shape[1])
         self.phi = self.phi.reshape(len(self.x), -1)
-        self.moved = np.zeros((len(model.nodes), D, len(model.moving), D))
+        moved = np.zeros((len(model.nodes), D, len(model.moving), D))
         for e, node in enumerate(model.moving):
             carried = {int(end) for bar in model.bars if node in bar for end in bar}
-            self.moved[[node, *carried], :, e] = np.eye(D)
-        self.moved = self.moved.reshape(len(self.x), -1)
+            moved[[node, *carried], :, e] = np.eye(D)
+        self.moved = moved.reshape(len(self.x), -1)
         turns = [f"{bar}.across[{i + 1}]" for bar in model.bar_names for i in range(D - 1)]
         middles = [f"{bar}.middle.{'xyz'[a]}" for bar, free in zip(model.bar_names, afloat) if free for a in self.axes]
         self.names = [*turns, *middles, *(f"{model.node_names[i]}.{'xyz'[a]}" for i in model.lone_nodes for a in self.axes)]
@@ -203,7 +203,8 @@ class _System:
     def _columns(self) -> None:
         """Where each group of columns of z begins; inputs: their quantities."""
         model = self.model
-        fields, self.place, self.inputs = list(INPUTS.items()), {}, []
+        self.inputs: list[Quantity] = []
+        fields, self.place = list(INPUTS.items()), {}
         self.r, self.motors = self.phi.shape[1], list(model.motors.values())
         self.n = self.r + len(self.motors)
         for name, field in fields:

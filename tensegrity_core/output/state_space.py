@@ -106,23 +106,7 @@ class StateSpace:
 
         Raises InputError where that cannot be written.
         """
-        path = require_writable(path, (".json", ".mat"))
-        if path.suffix.lower() == ".json":
-            write_text(path, json.dumps(self.data(), indent=1) + "\n")
-            return path
-        from scipy import io
-
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in ("A", "B", "C", "D")}
-        arrays |= {"drift": self.drift[:, None], "scene": self.scene}
-        arrays |= {"StringName": _cells(self.strings), "StringBranch": _cells(self.strings.values())}
-        for kind in ("State", "Input", "Output"):
-            quantities = getattr(self, f"{kind.lower()}s")
-            arrays[f"{kind}Name"] = _cells(quantity.name for quantity in quantities)
-            arrays[f"{kind}Unit"] = _cells(quantity.unit for quantity in quantities)
-            arrays[f"{kind}Value"] = np.array([[quantity.value] for quantity in quantities]).reshape(-1, 1)
-        with replacing(path) as file:
-            io.savemat(file, arrays)
-        return path
+        return write(self, path)
 
     def summary(self, count: int = 12) -> str:
         """A few lines: sizes, what it is about, the slowest poles."""
@@ -141,6 +125,27 @@ class StateSpace:
             listed = [f"{q.name} [{q.unit}]" for q in getattr(self, kind)]
             lines.append(f"  {kind}: {', '.join(listed[:count])}{', ...' if len(listed) > count else ''}")
         return "\n".join(lines)
+
+
+def write(system: StateSpace, path: str | Path) -> Path:
+    """See `StateSpace.save`."""
+    path = require_writable(path, (".json", ".mat"))
+    if path.suffix.lower() == ".json":
+        write_text(path, json.dumps(system.data(), indent=1) + "\n")
+        return path
+    from scipy import io
+
+    arrays: dict[str, Any] = {name: getattr(system, name) for name in ("A", "B", "C", "D")}
+    arrays |= {"drift": system.drift[:, None], "scene": system.scene}
+    arrays |= {"StringName": _cells(system.strings), "StringBranch": _cells(system.strings.values())}
+    for kind in ("State", "Input", "Output"):
+        quantities = getattr(system, f"{kind.lower()}s")
+        arrays[f"{kind}Name"] = _cells(quantity.name for quantity in quantities)
+        arrays[f"{kind}Unit"] = _cells(quantity.unit for quantity in quantities)
+        arrays[f"{kind}Value"] = np.array([[quantity.value] for quantity in quantities]).reshape(-1, 1)
+    with replacing(path) as file:
+        io.savemat(file, arrays)
+    return path
 
 
 def _places(kind: str, known: Sequence[Quantity], wanted: Iterable[str] | None, scene: str) -> list[int]:

@@ -66,6 +66,7 @@ WRITTEN = {
     "docs/start-research.md": ("two_bar_nsh.html", "path.png"),
     "docs/coupling.md": ("height_control.ssp",),
     "docs/view.md": ("three_bar_nsh.html", "lifted.html", "run.html"),
+    "docs/linearization.md": ("linear.mat", "linear.json", "dist/native/three_bar_nsh.fmu"),
     "docs/equilibrium-paths.md": ("path.svg", "path.csv", "modes.svg", "modes.csv"),
 }
 
