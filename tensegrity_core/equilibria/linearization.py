@@ -131,7 +131,10 @@ class _Strings:
         for j, (x, by) in enumerate(zip(elongation.tolist(), rate.tolist())):
             name, d, law = model.string_names[j], model.damping.item(j), string_law(model, j).follow(max(x, 0.0))
             sides = [(law.stiffness(at), d) if at > 0.0 else (0.0, 0.0) for at in (x - 2.0 * KINK, x + 2.0 * KINK)]
-            kinked = any(abs(a - b) > 1e-4 * max(abs(a), abs(b)) for a, b in zip(*sides))
+            ends = (0.0, *law.breakpoints, *(getattr(law, end, 0.0) for end in ("lower", "upper")))  # the latter with memory
+            kinked = min(abs(x - end) for end in ends) <= 2.0 * KINK and any(
+                abs(a - b) > 1e-4 * max(abs(a), abs(b)) for a, b in zip(*sides)
+            )
             if kinked and side is None:
                 raise InputError(
                     f"{name} stands at an end of its piece, where its tension has two derivatives ({sides[0][0]:.6g} and "
