@@ -54,6 +54,8 @@ class Terminal:
         self.ours, theirs = pty.openpty()
         environment = os.environ | {"TERM": term, "COLUMNS": "100", "PYTHONPATH": str(ROOT)}
         out = subprocess.PIPE if piped else theirs
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's background jobs have it, and all that they start
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         command = [sys.executable, "-c", COMMAND, *words]
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=out, stderr=theirs, cwd=folder, env=environment, start_new_session=True

@@ -50,7 +50,8 @@ def test_communication_points_do_not_disturb_the_integration_while_inputs_stay(m
         assert abs(many.stats["steps"] - one.stats["steps"]) <= 0.05 * one.stats["steps"]
     assert method == "dop853" or many.stats["steps"] < 500
     np.testing.assert_allclose(many["position"], one["position"], rtol=0, atol=1e-11 if exact else 1e-8)
-    np.testing.assert_allclose(many["reaction"], one["reaction"], rtol=0, atol=2e-8 * (100 + damping))
+    # each of the two runs may err by the tolerance, in each of the two strings that pull at a bar
+    np.testing.assert_allclose(many["reaction"], one["reaction"], rtol=0, atol=(2e-8 if exact else 4e-8) * (100 + damping))
 
 
 @pytest.mark.parametrize("method", ["auto", "dop853", "radau9"])

@@ -159,6 +159,7 @@ def test_rises_invert_algorithm_1(n, part):
 @settings(max_examples=30, deadline=None)
 @given(honeycombs)
 @example(NSH((1.0,) * 5, (3.0, 3.0, 4.5, 4.5, 4.5), (0.03125, 0.03125, 0.0078125, 0.00390625, 0.00390625)))
+@example(NSH((39.0, 37.5, 39.0), (7.25, 7.75, 7.25), (0.001953125, 0.03125, 0.015625)))
 @example(
     NSH(
         (1.0, 14.0, 14.0, 40.0, 36.18985855665124, 42.483445994769),
@@ -180,7 +181,9 @@ def test_curve_is_continuous_and_consistent(n):
             assert u.sum() == pytest.approx(xi, rel=1e-14, abs=4e-16 * scale / abs(made.stiffness(xi)))
             stored = sum(beam_energy(*b, x) for *b, x in zip(n.Q, n.zeta, n.h, u))
             felt = 4e-16 * scale**2 / abs(made.stiffness(xi)) + TIE * made.force(ends[p - 1]) * xi  # forces that tie are one
-            assert made.energy(xi) == pytest.approx(stored, rel=1e-14, abs=felt)
+            assert (
+                abs(made.energy(xi) - stored) <= 1e-14 * stored + felt
+            )  # round-off of the energies, and of where the beams are
             step = 1e-4 * (ends[p] - ends[p - 1])
             slope = (made.force(xi + step) - made.force(xi - step)) / (2.0 * step)
             spread = abs(made.stiffness(xi + step) - made.stiffness(xi - step))
