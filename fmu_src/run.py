@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,6 +61,8 @@ def simulate(fmu: Path, inputs: str | None, times: np.ndarray, starts: list[str]
 
     from .validation import outside
 
+    if not os.path.exists(fmu):
+        raise InputError(f"{fmu} is not there; name an FMU that is, or build one: tensegrity build SCENE")
     try:
         description = fmpy.read_model_description(str(fmu))
     except Exception as failure:  # whatever a file that is none makes fmpy say

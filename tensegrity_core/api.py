@@ -103,6 +103,8 @@ def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
         if changes:
             raise InputError("changes are made to a scene, not to its model; load the scene with them")
         return scene
+    if not isinstance(scene, str | Path):
+        raise InputError(f"a {type(scene).__name__} is no scene; give a name, a scene file, or a model such as run.model")
     found = load_scene(scene)
     if changes is not None and not (isinstance(changes, Mapping) and all(isinstance(key, str) for key in changes)):
         raise InputError(f"changes = {changes!r} is no dictionary by places in the scene file, such as {{'gravity': 0.0}}")

@@ -34,6 +34,8 @@ def new(
     from ..output.export import require_writable
     from .words import one_of
 
+    if kind == "tower":
+        raise InputError("KIND = 'tower' has a subcommand of its own: tensegrity tower STAGES --output tower.toml")
     source = TEMPLATES / f"{one_of('KIND', kind, kinds())}.toml"
     path = require_writable(output or source.name, (".toml",))
     if not re.fullmatch(r"[A-Za-z]\w*", path.stem, re.ASCII):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 #: Time between instants of a run that is made to be played back, s.
 STEP = 0.01
-HELP = "A scene (file or built-in name), an FMU (.fmu), or a run that simulate wrote (.csv, .npz)."
+HELP = "A scene (file or built-in name), an FMU (.fmu), or a run that simulate or run wrote (.csv, .nc, .parquet, .npz)."
 
 
 def view(
@@ -65,6 +66,8 @@ def _shown(
     from .words import constant_force, model_of, sample_times
 
     suffix = Path(what).suffix.lower()
+    if suffix in (*SUFFIXES, ".fmu") and not os.path.exists(what):
+        raise InputError(f"{what} is not there; name a file that is, or a built-in scene")
     if suffix in SUFFIXES:
         if live or force:
             option = "--live" if live else "--force"

@@ -172,6 +172,8 @@ def one_of(option: str, text: str, known: Iterable[str]) -> str:
     if text in known:
         return text
     close = difflib.get_close_matches(text, known, n=1)
+    if close and len(known) > MOST_NAMES:
+        raise InputError(f"{option} = {text!r} is not known; did you mean {close[0]}?")
     guess = f"did you mean {close[0]}? Known are" if close else "use one of"
     listed = ", ".join(known) if len(known) <= MOST_NAMES else ", ".join([*known[:MOST_NAMES], "..."])
     raise InputError(f"{option} = {text!r} is not known; {guess} {listed}")
@@ -180,4 +182,4 @@ def one_of(option: str, text: str, known: Iterable[str]) -> str:
 def files_of(output: str | None, figure: str | None) -> tuple[Path | None, Path | None]:
     """Where a table and a picture go.  Raises InputError where one of them cannot be written."""
     table = require_writable(output, (".csv",)) if output else None
-    return table, require_writable(figure, (".png", ".svg")) if figure else None
+    return table, require_writable(figure, (".png", ".svg"), "figure") if figure else None

@@ -61,10 +61,12 @@ def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:
     return arrays
 
 
-def require_writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
-    """The path, when a file of one of these kinds can be written there.  Raises InputError, naming the remedy."""
+def require_writable(path: str | Path, suffixes: tuple[str, ...], option: str = "output") -> Path:
+    """The path, when a file of one of these kinds can be written there.  option: what names it.  Raises InputError."""
+    if not isinstance(path, str | Path):
+        raise InputError(f"{option} = {path!r} is no path; name a file that ends in {' or '.join(suffixes)}")
     path = Path(path)
-    shown = f"output = {str(path)!r}"
+    shown = f"{option} = {str(path)!r}"
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{shown} does not end in {' or '.join(suffixes)}; name such a file")
     try:

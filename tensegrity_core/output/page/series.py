@@ -1,9 +1,10 @@
-"""Results out of files that `tensegrity simulate` wrote, for a page that plays them back."""
+"""Results out of files that `tensegrity simulate` and `run` wrote, for a page that plays them back."""
 
 from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,28 +12,33 @@ from ...errors import InputError
 from ...fields import outputs
 from ...model import Model, Result, Transition
 from ...model.components import full_shape, names, spread
+from .. import series
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Suffixes of such files.
-SUFFIXES = (".csv", ".npz")
+SUFFIXES = (*series.READERS, ".npz")
+#: Of a transition, beside its time and its string.
+REST = ("before", "after", "loss")
 #: How far a bar's length may be from the model's, relative; a run of the model keeps it to round-off.
 BAR_ERROR = 1e-6
 
 
 def result_of_file(path: Path, model: Model) -> Result:
-    """The result of a .csv or .npz file of this model's run; a .csv file has no transitions.  Raises InputError."""
+    """The result of a file of this model's run; a .csv file has no transitions.  Raises InputError."""
     try:
-        result = _from_csv(path, model) if path.suffix.lower() == ".csv" else _from_npz(path, model)
+        result = _from_npz(path, model) if path.suffix.lower() == ".npz" else _from_table(path, model)
         _require_bars(path, model, result)
         return result
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as failure:
         raise InputError(f"result = {str(path)!r} cannot be read: {failure}; write it anew: tensegrity simulate") from None
 
 
-def _from_csv(path: Path, model: Model) -> Result:
-    with path.open(encoding="utf-8", newline="") as file:
-        header = file.readline().strip().split(",")
-        rows = np.loadtxt(file, delimiter=",", ndmin=2)
-    columns = dict(zip(header, rows.T))
+def _from_table(path: Path, model: Model) -> Result:
+    data = series.read(path)
+    times = data["time"].values
+    columns = {"time": times} | {str(name): one.values for name, one in data.items() if one.dims == ("time",)}
     wanted = {field.name: names(field, model) for field in outputs()}
     known = ["time", *(name for group in wanted.values() for name in group)]
     missing, odd = ([name for name in one if name not in other] for one, other in ((known, columns), (columns, known)))
@@ -40,13 +46,21 @@ def _from_csv(path: Path, model: Model) -> Result:
         raise _of_another(path, model, f"it has no column {missing[0]!r}")
     if odd:
         raise _of_another(path, model, f"its column {odd[0]!r} is none of {model.name}'s")
-    if not len(rows):
-        raise InputError(f"result = {str(path)!r} has no rows; write it anew: tensegrity simulate")
     found = {}
     for field in outputs():
-        flat = np.array([columns[name] for name in wanted[field.name]]).reshape(-1, len(rows)).T
+        flat = np.array([columns[name] for name in wanted[field.name]]).reshape(-1, len(times)).T
         found[field.name] = spread(field, model, flat.astype(int) if field.compared == "count" else flat)
-    return Result(columns["time"], (), {}, **found)
+    return Result(times, _transitions(data, model), {}, **found)
+
+
+def _transitions(data: xr.Dataset, model: Model) -> list[Transition]:
+    rows = series.transitions(data)
+    if not len(rows):
+        return []
+    strings = [model.string_names.index(name) for name in rows["string"]]
+    return [
+        Transition(t, s, b, a, lost) for t, s, b, a, lost in zip(rows["time"], strings, *(rows[n] for n in REST), strict=True)
+    ]
 
 
 def _from_npz(path: Path, model: Model) -> Result:
