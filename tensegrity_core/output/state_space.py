@@ -21,7 +21,7 @@ RATES = {".rest_length": ".rest_length_rate", ".position.": ".velocity.", ".velo
 MOST_NAMES = 30  # that a message lists
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StateSpace:
     """x' = drift + A x + B u, y = C x + D u, all of them deviations from an operating point.
 

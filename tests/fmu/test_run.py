@@ -81,7 +81,7 @@ def test_a_method_is_set_by_its_name(runtime, options, tmp_path, capsys):
     "words, told",
     [
         (["in.csv"], "no FMU that can be read"),
-        (["nowhere.fmu"], "no FMU that can be read"),
+        (["nowhere.fmu"], "nowhere.fmu is not there"),
         (["FMU", "--set", "gravty=1"], "did you mean gravity?"),
         (["FMU", "--set", "gravity"], "NAME=X"),
         (["FMU", "--set", "gravity=1", "gravity=2"], "gravity is given twice"),

@@ -17,6 +17,7 @@ from tensegrity_core.errors import TensegrityError
 from tensegrity_core.fields import STATS
 from tensegrity_core.kernel import simulate
 from tensegrity_core.model import grid, held
+from tensegrity_core.output import series
 from tensegrity_core.output.export import write_result
 from tensegrity_core.output.page import bundle, made, model_of_fmu, page, parts, result_of_file
 from tensegrity_core.output.page.made import FILES, folder_of_parts
@@ -183,17 +184,35 @@ def test_the_browser_is_asked_for_on_demand(tmp_path, monkeypatch, capsys):
     assert asked == [(folder / "a b.html").resolve().as_uri()] and "%20" in asked[0] and "%231" in asked[0]
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@pytest.mark.parametrize("suffix", ["csv", "nc", "parquet", "npz"])
 def test_a_run_that_simulate_wrote_is_read_back(suffix, tmp_path):
     model = scene("three_bar_nsh")
     force = push(model)
     result = simulate(model, held(model, grid(0.5, 0.01), force=lambda t: force))
-    write_result(model, result, tmp_path / f"run.{suffix}")
+    file = tmp_path / f"run.{suffix}"
+    if suffix in ("nc", "parquet"):
+        series.write(series.dataset(model, result), file)
+    else:
+        write_result(model, result, file)
     back = result_of_file(tmp_path / f"run.{suffix}", model)
     np.testing.assert_array_equal(back.times, result.times)
     for name, values in result.outputs.items():
         np.testing.assert_array_equal(back.outputs[name], values, err_msg=name)
-    assert back.transitions == (result.transitions if suffix == "npz" else [])
+    assert back.transitions == ([] if suffix == "csv" else result.transitions)
+
+
+@pytest.mark.parametrize("words", [["nowhere.nc"], ["nowhere.csv", "--scene", "two_bar"], ["nowhere.fmu"]])
+def test_a_file_that_is_not_there_is_named(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *words]) == 2
+    assert capsys.readouterr().err == f"{words[0]} is not there; name a file that is, or a built-in scene\n"
+
+
+def test_a_table_without_rows_is_refused_in_a_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.csv").write_text("time,n1.x\n", encoding="utf-8")
+    assert main(["view", "empty.csv", "--scene", "two_bar"]) == 2
+    assert "it has no rows of numbers" in capsys.readouterr().err
 
 
 @PAGE
@@ -206,7 +225,7 @@ def test_the_command_plays_a_run_back(tmp_path, monkeypatch, capsys):
     assert run["instants"] == 21 and run["transitions"] is None
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
+@pytest.mark.parametrize("suffix", ["csv", "nc", "parquet", "npz"])
 @pytest.mark.parametrize("other", ["three_bar", "two_bar_nsh", "two_bar_wide"])
 def test_a_run_of_another_structure_is_refused(other, suffix, tmp_path, monkeypatch, capsys):
     """One with other nodes, with other strings, and with all names alike."""

@@ -248,6 +248,15 @@ def test_a_scene_is_varied_by_the_places_in_its_file():
         tc.load(model, {"gravity": 0.0})
 
 
+def test_a_run_is_no_scene():
+    run = tc.simulate("two_bar", duration=0.02)
+    for call in (tc.load, tc.modes, tc.equilibrium):
+        with pytest.raises(SceneError, match=r"Run: is no scene; .*run\.model"):
+            call(run)
+    with pytest.raises(InputError, match="None is no path"):
+        run.save(None)
+
+
 def test_changes_are_left_as_they_were_given():
     given = {"bars": {"b1": {"mass": 1.5}}, "bars.b2.mass": 1.5}
     assert tc.load("two_bar", given).bar_mass.tolist() == [1.5, 1.5]
