@@ -22,7 +22,7 @@ from . import kernel, statics
 from .equilibria import linearization, steady_states
 from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
-from .errors import InputError, SceneError
+from .errors import InputError
 from .fields import outputs
 from .model import Inputs, Model, Result, grid
 from .model.components import names, own_names
@@ -103,9 +103,6 @@ def load(scene: Scene, changes: Mapping[str, Any] | None = None) -> Model:
         if changes:
             raise InputError("changes are made to a scene, not to its model; load the scene with them")
         return scene
-    if not isinstance(scene, str | Path):
-        told = f"{type(scene).__name__}: is no scene; give the name of a built-in scene, a file, or a model such as run.model"
-        raise SceneError(told)
     found = load_scene(scene)
     if changes is not None and not (isinstance(changes, Mapping) and all(isinstance(key, str) for key in changes)):
         raise InputError(f"changes = {changes!r} is no dictionary by places in the scene file, such as {{'gravity': 0.0}}")

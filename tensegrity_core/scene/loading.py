@@ -49,7 +49,11 @@ def _checked(raw: dict, origin: scene_files.Origin, file: str) -> Scene:
     return scene
 
 
-def _find(name_or_path: str | Path) -> Path:
+def _find(name_or_path: object) -> Path:
+    if not isinstance(name_or_path, str | Path):
+        kind = type(name_or_path).__name__
+        remedy = "Give the name of a built-in scene, a scene file, or a model such as run.model."
+        raise SceneError(kind, "(scene)", kind, "is no scene", remedy)
     text = str(name_or_path)
     if text in BUILTIN_SCENES:
         return SCENE_FOLDER / f"{text}.toml"
