@@ -99,6 +99,27 @@ TS_API size_t ts_state_size(const ts_sim *sim);
 TS_API int ts_save(const ts_sim *sim, void *bytes, size_t size);
 TS_API int ts_restore(ts_sim *sim, const void *bytes, size_t size);
 
+/* The continuous-time view, for a host that integrates with a solver of its own, from ts_initialize() on and instead of ts_step().
+ * It sets time (s), states and inputs, all of the same instant, and asks for derivatives, for the outputs, which come into the
+ * block, and for event indicators: one that becomes negative asks for an event, as ts_completed_step() does (1) where the bars'
+ * lengths have drifted.  An event begins with ts_enter_event(); inputs that jump and tunable parameters change then, as they
+ * may at a ts_step(), and ts_update_discrete() takes them, puts strings on the pieces that follow and bars on their lengths, and
+ * says by TS_..._CHANGED what it did.  Its transitions are those of ts_transitions().  A state is a coordinate (m), its rate
+ * (m/s), or the energy dissipated or put in (J), in the order of interface/continuous.c. */
+enum { TS_STATES_CHANGED = 1, TS_DISCRETE_CHANGED = 2 };
+TS_API int32_t ts_continuous_count(const ts_sim *sim);
+TS_API int32_t ts_indicator_count(const ts_sim *sim);
+TS_API void ts_continuous_nominals(const ts_sim *sim, double *x);
+TS_API int ts_continuous_states(const ts_sim *sim, double *x);
+TS_API int ts_set_continuous_states(ts_sim *sim, const double *x);
+TS_API int ts_set_time(ts_sim *sim, double time);
+TS_API int ts_continuous_derivatives(ts_sim *sim, double *dx); /* unit/s */
+TS_API int ts_continuous_outputs(ts_sim *sim);
+TS_API int ts_event_indicators(ts_sim *sim, double *z);
+TS_API int ts_completed_step(const ts_sim *sim);
+TS_API int ts_enter_event(ts_sim *sim);
+TS_API int ts_update_discrete(ts_sim *sim, int32_t *changed);
+
 TS_API size_t ts_memory_size(const ts_sim *sim); /* bytes of a simulation, without its force curves */
 
 /* For tests and analysis; -1 where the parameters allow no force curve.  Generalised state y = [q, qdot, ledger], see motion.c. */

@@ -31,6 +31,12 @@ static double raw_tension(const ts_sim *sim, int i, double elongation, double ra
 
 static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i]; }
 
+/* The tension that a stretch of `guard` gives (N). */
+static double tension_guard(const ts_sim *sim, int i, double guard)
+{
+    return guard * (1.0 + sim->io.values[sim->m.at[TS_STIFFNESS] + i]);
+}
+
 /* How a piece is called in a transition: without memory by its place in order of elongation, with memory by its snapped parts. */
 static int called(const ts_curve *c, int piece)
 {
@@ -360,4 +366,62 @@ void ts_catch_up(ts_sim *sim, double tau)
         }
         if (clips(sim, i)) sim->state.clipped[i] = raw_tension(sim, i, elongation, rate, &scale) < 0.0;
     }
+}
+
+/* --- for a host that locates transitions by itself -------------------------------------------------------------------- */
+
+/* How far each string is from leaving its piece at its lower and at its upper end (m), `guard` beyond it, and under
+ * `tension_only` from being clipped or released (N): negative where it has left.  A piece without such an end, and a slack string
+ * of its clipping, give 1. */
+void ts_margins(const ts_sim *sim, double guard, double *z)
+{
+    const ts_model *m = &sim->m;
+    for (int i = 0; i < m->count[TS_S]; i++) {
+        double elongation, rate, scale, T;
+        ts_string_state(sim, 0.0, sim->state.y, i, &elongation, &rate);
+        *z++ = sim->on.lo[i] > -INFINITY ? elongation - sim->on.lo[i] + guard : 1.0;
+        *z++ = sim->on.hi[i] < INFINITY ? sim->on.hi[i] - elongation + guard : 1.0;
+        if (m->damping_law != TS_TENSION_ONLY) continue;
+        T = clips(sim, i) ? raw_tension(sim, i, elongation, rate, &scale) : 1.0;
+        *z++ = clips(sim, i) ? (sim->state.clipped[i] ? -T : T) + tension_guard(sim, i, guard) : 1.0;
+    }
+}
+
+/* Is a string, at an end of its piece, to leave it?  Half the guard that ts_margins() has, so that a host may stop a little before
+ * and is not called back at once; moving outwards, a little before the end, so that symmetric strings go together. */
+static int leaves(double past, double outwards, double guard)
+{
+    return past >= 0.5 * guard || (past >= -0.5 * guard && outwards > 0.0);
+}
+
+/* One string goes on by at most one piece.  Returns whether something changed. */
+static int leave_one(ts_sim *sim, int i, double guard)
+{
+    const ts_piece *p = sim->laws.curve[i].piece + sim->state.piece[i];
+    double elongation, rate, scale;
+    int piece = sim->state.piece[i], clipped = sim->state.clipped[i];
+    ts_string_state(sim, 0.0, sim->state.y, i, &elongation, &rate);
+    if (p->up >= 0 && leaves(elongation - p->hi, rate, guard)) leave_piece(sim, 0.0, i, 1);
+    else if (p->down >= 0 && leaves(p->lo - elongation, -rate, guard)) leave_piece(sim, 0.0, i, 0);
+    if (sim->state.piece[i] != piece) {
+        review_clipping(sim, i, elongation, rate);
+        return 1;
+    }
+    if (!clips(sim, i)) return 0;
+    double T = raw_tension(sim, i, elongation, rate, &scale);
+    if ((clipped ? -T : T) < -0.5 * tension_guard(sim, i, guard)) sim->state.clipped[i] = !clipped;
+    return sim->state.clipped[i] != clipped;
+}
+
+/* Put all strings that have left their pieces on those that follow, until none has.  0: there is no end to it. */
+int ts_leave_passed(ts_sim *sim, double guard)
+{
+    int most = 16;
+    for (int i = 0; i < sim->m.count[TS_S]; i++) most += 2 * sim->laws.curve[i].pieces + 2;
+    for (int n = 0, changed = 1; changed; n++) {
+        changed = 0;
+        if (n > most) return 0;
+        for (int i = 0; i < sim->m.count[TS_S]; i++) changed |= leave_one(sim, i, guard);
+    }
+    return 1;
 }
