@@ -17,7 +17,9 @@ enum {
     FMU_STEPPING = 4,
     FMU_TERMINATED = 8,
     FMU_ERROR = 16, /* until the instance is reset, freed or put back into a saved state */
-    FMU_ANY = 31
+    FMU_EVENT = 32, /* model exchange */
+    FMU_CONTINUOUS = 64,
+    FMU_ANY = 127
 };
 
 /* Log categories, in the order of LOG_CATEGORIES in model_description.py. */
@@ -48,7 +50,13 @@ typedef struct {
     int32_t derivatives_ready;
     int log[LOG_CATEGORIES];
     uint64_t identity; /* of the FMU, from its GUID: saved states are bound to it */
-    double tolerance;  /* the FMU's own, which keeps its promise; a host's may be tighter */
+    fmi2Type kind;
+    int32_t counted;     /* references of the kernel's blocks; behind them those of states and derivatives, see
+                          * variables/states.py */
+    int32_t state_count; /* continuous states; 0: the FMU has no variables for them, and is no model exchange FMU */
+    double *states;      /* (2, state_count) states and derivatives, as far as `viewed`; owned */
+    int32_t viewed;      /* what has been computed at the present time, states and inputs: bits VIEW_... of calls.h */
+    double tolerance;    /* the FMU's own, which keeps its promise; a host's may be tighter */
 
     /* saved with the FMU state */
     int32_t mode;

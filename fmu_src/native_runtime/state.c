@@ -9,7 +9,7 @@
 
 typedef struct {
     uint64_t magic, identity;
-    int32_t mode, stale, tolerance_set, stop_defined, spare[2];
+    int32_t mode, stale, tolerance_set, stop_defined, exchange, spare;
     double start, time, stop;
     uint64_t checksum; /* of the head with this field 0 and of the kernel's bytes, which follow */
 } head;
@@ -33,6 +33,7 @@ void fmu_state_save(const instance *fmu, char *bytes)
     h.stale = fmu->stale;
     h.tolerance_set = fmu->tolerance_set;
     h.stop_defined = fmu->stop_defined;
+    h.exchange = fmu->kind == fmi2ModelExchange;
     h.start = fmu->start;
     h.time = fmu->time;
     h.stop = fmu->stop_defined ? fmu->stop : 0.0;
@@ -44,7 +45,9 @@ void fmu_state_save(const instance *fmu, char *bytes)
 static int is_possible(const head *h)
 {
     int one_mode = h->mode > 0 && !(h->mode & ~FMU_ANY) && !(h->mode & (h->mode - 1));
-    return one_mode && isfinite(h->start) && isfinite(h->time) && !isnan(h->stop); /* a host may know no end */
+    int others = h->exchange ? FMU_STEPPING : FMU_EVENT | FMU_CONTINUOUS; /* modes of the other kind */
+    return one_mode && !(h->mode & others) && isfinite(h->start) && isfinite(h->time) &&
+           !isnan(h->stop); /* a host may know no end */
 }
 
 const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t size)
@@ -56,6 +59,7 @@ const char *fmu_state_refusal(const instance *fmu, const char *bytes, size_t siz
     if (h.identity != fmu->identity) return "it belongs to another FMU";
     if (size != fmu_state_size(fmu)) return "it has been cut or lengthened";
     if (h.checksum != checksum(h, bytes + sizeof h, size - sizeof h)) return "it is damaged";
+    if (h.exchange != (fmu->kind == fmi2ModelExchange)) return "it belongs to an instance of the other kind";
     return is_possible(&h) ? NULL : "it is none that an instance comes to";
 }
 

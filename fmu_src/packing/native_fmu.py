@@ -17,13 +17,15 @@ import numpy as np
 
 import tensegrity_core
 from tensegrity_core.fields import METHODS
-from tensegrity_core.kernel import fnv1a, to_bytes
+from tensegrity_core.kernel import Kernel, fnv1a, to_bytes
+from tensegrity_core.kernel.continuous import ContinuousView
 from tensegrity_core.model import Model
 from tensegrity_core.native import build
 
 from ..variables import terminals
 from ..variables.interface import Variable, by_reference, variables
 from ..variables.model_description import Runtime, build_description, plain
+from ..variables.states import exchange_variables
 from .libraries import PackError, cross_compiled, here, host_library, on_arm
 from .pack import complete, write_zip
 
@@ -59,19 +61,21 @@ _PREFIX = """/* Names of all functions that other files of these sources call: w
 """
 
 #: In which modes a variable may be set, as the bits of native_runtime/instance.h: instantiated 1, initialization 2, steps 4.
-SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0}
+SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0, "local": 0}
 
 
 @dataclass(frozen=True)
 class Contents:
     """What may differ between native FMUs of a model.  naming: 'structured' or 'flat'; platforms: keys of build.TARGETS,
     compiled by ziglang, beside the one that runs this (if that is named, it is compiled anew, for old systems too); sources:
-    pack them; simple: without types that some tools do not know, see model_description.plain; page: see pack.complete."""
+    pack them; simple: without types that some tools do not know, see model_description.plain; kind: one of KINDS there;
+    page: see pack.complete."""
 
     naming: str = "structured"
     platforms: tuple[str, ...] = ()
     sources: bool = False
     simple: bool = False
+    kind: str = "cs"
     page: bytes | None = None
 
 
@@ -89,7 +93,7 @@ def pack_native_fmu(model: Model, destination: Path, naming: str = "structured",
 
 def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:
     """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file.  Raises PackError."""
-    table = variables(model, contents.naming)
+    table = (variables if contents.kind == "cs" else exchange_variables)(model, contents.naming)
     packed = to_bytes(model)
     files = {"resources/model.bin": packed, "resources/variables.bin": variables_bin(model, table, "", packed)}
     if (joined := terminals.terminals(model, table)) is not None:
@@ -102,6 +106,8 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         "native",
         f"tensegrity {tensegrity_core.__version__}",
         sources=compiled_of(sources),
+        kind=contents.kind,
+        indicators=ContinuousView(Kernel(model)).indicators,
     )
     guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming, contents.page)
     files["resources/variables.bin"] = variables_bin(model, table, guid, packed)
@@ -131,7 +137,8 @@ def prefix_header(files: dict[str, bytes]) -> bytes:
     names = {name for name in _DECLARED.findall(headers) if name.startswith(("ts_", "fmu_", "variables_"))}
     names |= {f"ts_{method}" for method in METHODS if method != "auto"} | {"fmu_categories"}
     own = [f"#define {name} TS_PASTE(FMI2_FUNCTION_PREFIX, {name})" for name in sorted(names)]
-    exported = sorted(_EXPORTED.findall(files["fmi2.c"].decode()))
+    runtime = "\n".join(content.decode() for name, content in sorted(files.items()) if name.startswith("fmi2"))
+    exported = sorted(_EXPORTED.findall(runtime))
     fmi = [f"#undef {name}\n#define {name} TS_PASTE(FMI2_FUNCTION_PREFIX, {name})" for name in exported]
     return _PREFIX.format(own="\n".join(own), fmi="\n".join(fmi)).encode()
 
@@ -147,7 +154,7 @@ def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: 
     packed: model.bin, whose checksum goes along, so that no other one is taken for it.
     """
     largest, table = np.finfo(float).max, by_reference(table)
-    reals = sum(row.kind == "Real" for row in table)
+    reals = sum(row.kind == "Real" and row.causality != "local" for row in table)
     tolerance = next(row.reference for row in table if row.field == "tolerance")
     low = [-largest if row.min is None else row.min for row in table]
     high = [largest if row.max is None else row.max for row in table]

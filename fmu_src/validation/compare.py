@@ -16,6 +16,7 @@ from tensegrity_core.model import Model, Result, Transition
 from tensegrity_core.model.components import spread
 
 from ..variables.interface import Variable
+from ..variables.states import LEFT_OUT
 from .sensitivity import JUMPING, OUTPUTS, Spread, away, match, near_transitions
 
 #: The bound in terms of the spread, which a few directions of the start error may miss by so much.
@@ -114,10 +115,13 @@ class Comparison:
 
 
 def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs_of_run: np.ndarray) -> dict[str, np.ndarray]:
-    """An FMU's outputs (K+1, n) by field, in the shapes of `Result` (planar scenes: y of positions is the scene's)."""
+    """An FMU's outputs (K+1, n) by field, in the shapes of `Result` (planar scenes: y of positions is the scene's); without
+    those that model exchange has not."""
     column = {name: i for i, name in enumerate(names)}
     found = {}
     for field in outputs():
+        if field.name in LEFT_OUT and not any(row.name in column for row in table if row.field == field.name):
+            continue
         at = [column[row.name] for row in table if row.field == field.name]
         found[field.name] = spread(field, model, outputs_of_run[:, at])
     return found
@@ -149,7 +153,7 @@ def compare(
         size=allowed.size,
         deviations=deviations,
         snapped=int(np.sum(wrong[clear])),
-        ledger=_ledger(fmu, rows),
+        ledger=_ledger(fmu, rows, through),
         transitions=(len(ours), len(theirs)),
         unmatched=sum(not allowed.is_loose(t) for t in (*found.ours, *found.theirs)),
         transition_time=max((abs(a.time - b.time) for a, b in found.pairs), default=0.0),
@@ -188,7 +192,9 @@ def _late(pairs: list[tuple[Transition, Transition]], allowed: Spread):
     return [words for _, words in sorted(found, reverse=True)[:1]]
 
 
-def _ledger(fmu: dict[str, np.ndarray], rows: int) -> float:
-    """Largest gap in the FMU's energy ledger, relative to the integral of the sum of |power|, at least 1 J."""
+def _ledger(fmu: dict[str, np.ndarray], rows: int, through: float) -> float:
+    """Largest gap in the FMU's energy ledger, relative to the integral of the sum of |power|, its own or else `through`, at
+    least 1 J."""
+    scale = float(fmu["throughput"][rows - 1]) if "throughput" in fmu else through
     balance = fmu["kinetic"] + fmu["potential"] + fmu["elastic"] + fmu["dissipated"] - fmu["input_work"]
-    return float(np.max(np.abs(balance - balance[0])[:rows]) / max(1.0, float(fmu["throughput"][rows - 1])))
+    return float(np.max(np.abs(balance - balance[0])[:rows]) / max(1.0, scale))

@@ -46,12 +46,8 @@ class Instance:
 
         self.fmi2, self.description, self.messages = fmi2, description, []
         self.by_name = {variable.name: variable for variable in description.modelVariables}
-        self.fmu = fmi2.FMU2Slave(
-            guid=description.guid,
-            unzipDirectory=folder,
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            instanceName=name,
-        )
+        self.folder = folder
+        self.fmu = self.connect(name)
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
         callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
@@ -60,6 +56,15 @@ class Instance:
         self.fmu.instantiate(callbacks=callbacks, loggingOn=logging)
         if categories:
             self.fmu.setDebugLogging(True, list(categories))
+
+    def connect(self, name):
+        """fmpy's access to the library."""
+        return self.fmi2.FMU2Slave(
+            guid=self.description.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName=name,
+        )
 
     def _log(self, environment, name, status, category, message):
         self.messages.append((status, (category or b"").decode(), message.decode()))
@@ -180,7 +185,8 @@ def end_with_parent():
     threading.Thread(target=watch, daemon=True).start()
 
 
-def main(job_path, result_path, *options):
+def main(job_path, result_path, *options, make=Instance, run=run):
+    """make, run: what runs an FMU of another kind, see exchange.py."""
     if WITH_PARENT in options:
         end_with_parent()
     sys.meta_path.insert(0, Barrier())
@@ -194,7 +200,7 @@ def main(job_path, result_path, *options):
     result, strings = {}, []  # type: ignore[var-annotated]
     for item in job["runs"]:
         arrays = np.load(item["arrays"])
-        instance = Instance(description, folder, item["name"], True, CATEGORIES)
+        instance = make(description, folder, item["name"], True, CATEGORIES)
         out, names, seconds = run(instance, arrays["times"], arrays["values"], item["inputs"], item["parameters"])
         instance.close()
         result[f"{item['name']}/outputs"] = out

@@ -149,18 +149,21 @@ def run_outside(
     naming: str = "structured",
     runs: list[Scenario] | None = None,
     python: str = sys.executable,
+    kind: str = "cs",
 ) -> list[tuple[dict[str, np.ndarray], list[Transition], float]]:
     """Run an FMU in a fresh isolated interpreter.  Returns per scenario its outputs, transitions, and seconds per step.
 
     The scenarios' names must differ.
-    python: the interpreter; it needs numpy and fmpy only.  Raises ValidationError with the interpreter's last words.
+    python: the interpreter; it needs numpy and fmpy only; kind: 'cs', or 'me': integrated by CVODE, see exchange.py.  Raises
+    ValidationError with the interpreter's last words.
     """
     table = variables(model, naming)
     runs = trials(model) if runs is None else runs
     names = [row.name for row in table if row.causality == "input"]
     with scratch() as here:
-        script = here / "outside.py"
-        write_bytes(script, (HERE / "outside.py").read_bytes())
+        for name in ("outside.py", "exchange.py"):
+            write_bytes(here / name, (HERE / name).read_bytes())
+        script = here / ("outside.py" if kind == "cs" else "exchange.py")
         job: dict[str, Any] = {"fmu": str(fmu.absolute()), "runs": []}
         for i, run in enumerate(runs):
             with replacing(here / f"{i}.npz") as file:

@@ -28,7 +28,7 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     """Value reference of an output -> value references of inputs and parameters; outputs that depend on none are left
     out (positions, velocities, lengths: the scene's; energies that count from the start: zero).
     """
-    table = _Table(model)
+    table = Places(model)
     everything = table.knowns()
     out = {table.at(f.name, i): everything for f in outputs() if f.name not in STARTED for i in range(size(f, model.counts))}
     for s in range(len(model.strings)):
@@ -56,7 +56,7 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     return {output: known for output, known in out.items() if known}
 
 
-def _of_motion(model: Model, table: _Table) -> dict[int, set[int]]:
+def _of_motion(model: Model, table: Places) -> dict[int, set[int]]:
     """Positions, velocities and the kinetic energy of what moved nodes carry."""
     axes = len(model.axes)
     out: dict[int, set[int]] = {}
@@ -70,9 +70,10 @@ def _of_motion(model: Model, table: _Table) -> dict[int, set[int]]:
     return out
 
 
-class _Table:
+class Places:
     """Sets of value references that belong together in one model.
 
+    end: the first reference behind them;
     mover: node -> place among the moved nodes of the one that it moves with, itself or its bar's pinned end.
     """
 
@@ -82,6 +83,7 @@ class _Table:
         reals = max(place.stop for place in self.places.values())
         for name, place in layout(model.counts, INTEGER_FIELDS).items():
             self.places[name] = slice(reals + place.start, reals + place.stop)
+        self.end = max(place.stop for place in self.places.values())
         self.first_beam, beams = {}, 0
         for s, nsh in model.honeycombs.items():
             self.first_beam[s] = beams
@@ -99,6 +101,10 @@ class _Table:
 
     def at(self, field: str, index: int) -> int:
         return self.places[field].start + index
+
+    def field_of(self, reference: int) -> tuple[str, int]:
+        """The field of a reference, and its place there."""
+        return next((name, reference - at.start) for name, at in self.places.items() if at.start <= reference < at.stop)
 
     def all(self, field: str) -> set[int]:
         return set(range(self.places[field].start, self.places[field].stop))

@@ -38,7 +38,8 @@ ROLES = {
 class Variable:
     """One row.  Attributes are those of FMI; `field` names the row of `fields.FIELDS`; `known` are the value references
     on which an output depends in Initialization Mode; `derivative_of` is the reference of the variable whose time derivative
-    it is; a bound that does not exist is None.
+    it is; `depends`, in model exchange, those of states and inputs on which an output or a derivative depends; a bound that
+    does not exist is None.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Variable:
     field: str
     known: tuple[int, ...]
     derivative_of: int | None = None
+    depends: frozenset[int] | None = None
 
 
 def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
@@ -78,7 +80,7 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
                     rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
                     places[field.name, *map(str, component.values())] = rows[-1]
                 reference += 1
-    _require_unique(rows)
+    require_unique(rows)
     visible = {row.reference for row in rows}
     rates = _derivatives(places)
     return tuple(
@@ -190,7 +192,7 @@ _KINDS = {"N": "node", "F": "node", "G": "node", "B": "bar", "S": "string", "H":
 _KINDS |= {"P": "node", "R": "node", "E": "node", "A": "string"}
 
 
-def _require_unique(rows: list[Variable]) -> None:
+def require_unique(rows: list[Variable]) -> None:
     seen: dict[str, int] = {}
     for row in rows:
         if row.name in seen:

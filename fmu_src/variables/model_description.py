@@ -1,4 +1,4 @@
-"""Renders modelDescription.xml (FMI 2.0, co-simulation) from the variable table; both runtimes use it."""
+"""Renders modelDescription.xml (FMI 2.0) from the variable table; both runtimes use it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,29 @@ LOG_CATEGORIES = {
 @dataclass(frozen=True)
 class Runtime:
     """What differs between the runtimes.  name: 'python' or 'native'; tool: what made the FMU; sources: files to compile, in
-    sources/."""
+    sources/; kind: one of KINDS; indicators: event indicators, of model exchange."""
 
     name: str
     tool: str
     sources: tuple[str, ...] = ()
+    kind: str = "cs"
+    indicators: int = 0
 
 
-#: What every FMU of this project can do.
+#: Kinds of FMUs: co-simulation, model exchange, both in one.
+KINDS = ("cs", "me", "both")
+
+#: What every FMU for model exchange can do.
+EXCHANGE_CAPABILITIES = {
+    "needsExecutionTool": False,
+    "completedIntegratorStepNotNeeded": False,
+    "canBeInstantiatedOnlyOncePerProcess": False,
+    "canNotUseMemoryManagementFunctions": True,
+    "canGetAndSetFMUstate": True,
+    "canSerializeFMUstate": True,
+}
+
+#: What every FMU for co-simulation can do.
 CAPABILITIES = {
     "needsExecutionTool": False,
     "canHandleVariableCommunicationStepSize": True,
@@ -76,11 +91,11 @@ def model_description(
         generationTool=runtime.tool,
         variableNamingConvention=naming,
     )
-    slave = XML.SubElement(root, "CoSimulation", modelIdentifier=identifier)
-    for name, value in CAPABILITIES.items():
-        slave.set(name, _text(value))
-    if runtime.sources:
-        _add_files(XML.SubElement(slave, "SourceFiles"), "File", runtime.sources)
+    if runtime.kind != "cs":
+        root.set("numberOfEventIndicators", str(runtime.indicators))
+        _add_kind(root, "ModelExchange", identifier, EXCHANGE_CAPABILITIES, runtime.sources)
+    if runtime.kind != "me":
+        _add_kind(root, "CoSimulation", identifier, CAPABILITIES, runtime.sources)
     _add_units(root, {row.unit for row in table if row.unit})
     if any(row.kind == "Enumeration" for row in table):
         _add_method_type(root)
@@ -145,6 +160,16 @@ def _add_files(parent: XML.Element, tag: str, names: tuple[str, ...]) -> None:
         XML.SubElement(parent, tag, name=name)
 
 
+def _add_kind(
+    root: XML.Element, tag: str, identifier: str, capabilities: dict[str, bool | int], sources: tuple[str, ...]
+) -> None:
+    kind = XML.SubElement(root, tag, modelIdentifier=identifier)
+    for name, value in capabilities.items():
+        kind.set(name, _text(value))
+    if sources:
+        _add_files(XML.SubElement(kind, "SourceFiles"), "File", sources)
+
+
 def _add_units(root: XML.Element, used: set[str]) -> None:
     units = XML.SubElement(root, "UnitDefinitions")
     for name in sorted(used):
@@ -205,10 +230,20 @@ def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
     structure = XML.SubElement(root, "ModelStructure")
     index = indices(table)
     outputs = [row for row in table if row.causality == "output"]
-    listed = XML.SubElement(structure, "Outputs")
-    for row in outputs:
-        XML.SubElement(listed, "Unknown", index=index[row.reference], dependencies="")
+    rates = [row for row in table if row.causality == "local" and row.derivative_of is not None]
+
+    def listed(references) -> str:
+        return " ".join(sorted((index[reference] for reference in references), key=int))
+
+    for tag, rows in (("Outputs", outputs), ("Derivatives", rates)):
+        if rows or tag == "Outputs":
+            element = XML.SubElement(structure, tag)
+            for row in rows:
+                XML.SubElement(element, "Unknown", index=index[row.reference], dependencies=listed(row.depends or ()))
     unknowns = XML.SubElement(structure, "InitialUnknowns")
     for row in outputs:
         known = " ".join(index[reference] for reference in row.known)
         XML.SubElement(unknowns, "Unknown", index=index[row.reference], dependencies=known)
+    for row in table:  # of states and their derivatives nothing is said: they may depend on everything that is known
+        if row.causality == "local":
+            XML.SubElement(unknowns, "Unknown", index=index[row.reference])

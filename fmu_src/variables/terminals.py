@@ -26,8 +26,9 @@ def terminals(model: Model, table: tuple[Variable, ...]) -> bytes | None:
     listed = XML.SubElement(root, "Terminals")
     kinds = dict.fromkeys(model.node_names, "node") | dict.fromkeys(model.string_names, "string")
     found: dict[str, list[tuple[str, str]]] = {name: [] for name in kinds}
-    for row, structured in zip(table, variables(model), strict=True):  # names of the second are structured
-        component, _, member = structured.name.partition(".")
+    structured = {row.reference: row.name for row in variables(model)}
+    for row in table:
+        component, _, member = structured.get(row.reference, "").partition(".")
         if component in kinds and row.field in MEMBERS[kinds[component]]:
             found[component].append((member, row.name))
     for name, members in ((name, members) for name, members in found.items() if members):

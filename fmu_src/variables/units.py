@@ -30,6 +30,7 @@ UNITS = {
     "N/m": Unit({"kg": 1, "s": -2}, "TranslationalSpringConstant", {"N/mm": 1e-3, "kN/m": 1e-3}),
     "N.s/m": Unit({"kg": 1, "s": -1}, "TranslationalDampingConstant", {}),
     "J": Unit({"kg": 1, "m": 2, "s": -2}, "Energy", {"mJ": 1e3}),
+    "W": Unit({"kg": 1, "m": 2, "s": -3}, "Power", {"mW": 1e3}),
     "A": Unit({"A": 1}, "ElectricCurrent", {"mA": 1e3}),
     "rad/s": Unit({"rad": 1, "s": -1}, "AngularVelocity", {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi}, by_default=True),
     "kg.m2": Unit({"kg": 1, "m": 2}, "MomentOfInertia", {"kg.cm2": 1e4}, by_default=True),

@@ -145,6 +145,22 @@ int ts_continuous_derivatives(ts_sim *sim, double *dx)
     return TS_OK;
 }
 
+/* As ts_output_derivatives() looks at the end of a step: under the inputs that it had. */
+int ts_step_derivatives(ts_sim *sim, double *dx)
+{
+    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    ts_memory memory = sim->memory;
+    ts_swap_applied(sim);
+    ts_derive(sim);
+    ts_rhs(sim, memory.last_step, sim->state.y, sim->start.f);
+    pick(&sim->m, sim->start.f, dx);
+    add_powers(sim, dx + ts_continuous_count(sim) - BOOKED);
+    ts_swap_back(sim);
+    sim->memory = memory;
+    if (ts_all_finite(dx, ts_continuous_count(sim))) return TS_OK;
+    return ts_say(sim, TS_NOT_FINITE, "an acceleration is not a finite number");
+}
+
 int ts_continuous_outputs(ts_sim *sim)
 {
     int status = evaluate(sim);

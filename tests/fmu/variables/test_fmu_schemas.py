@@ -22,6 +22,7 @@ from fmu_src.packing.libraries import here, host_library
 from fmu_src.packing.native_fmu import Contents, native_fmu_files
 from fmu_src.packing.pack import CORE, python_fmu_files
 from fmu_src.variables.interface import RATES, variables
+from fmu_src.variables.states import RATES_OF
 from fmu_src.variables.units import UNITS, require_known
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import LIBRARY, Kernel
@@ -151,11 +152,11 @@ def test_faults_would_be_seen():
 
 def test_every_unit_has_a_quantity_and_its_display_units_are_right():
     """Against the prefixes and the definitions of the units."""
-    assert {field.unit for field in FIELDS} == set(UNITS)
+    assert {field.unit for field in FIELDS} | set(RATES_OF.values()) == set(UNITS)
     assert [name for name, unit in UNITS.items() if not unit.quantity] == ["1"]
     prefixes = {"mm": 1e-3, "cm": 1e-2, "ms": 1e-3, "g": 1e-3, "mm/s": 1e-3, "kN": 1e3, "N/mm": 1e3, "kN/m": 1e3, "mJ": 1e-3}
     prefixes |= {"mA": 1e-3, "rpm": 2.0 * np.pi / 60.0, "deg/s": np.pi / 180.0, "kg.cm2": 1e-4, "mN.m.s": 1e-3}
-    prefixes |= {"mN.m/A": 1e-3}
+    prefixes |= {"mN.m/A": 1e-3, "mW": 1e-3}
     for unit in UNITS.values():
         for name, factor in unit.shown.items():
             assert factor * prefixes[name] == pytest.approx(1.0, rel=1e-15), name

@@ -1,0 +1,178 @@
+"""Runs a model exchange FMU as a stranger would: `python -I exchange.py job.json result.npz`, with numpy and fmpy only.
+
+Job and result are those of outside.py, which lies beside this script; the host's solver is CVODE as fmpy has it.  Unlike fmpy's
+own loop, it gives the FMU its inputs at every evaluation, as the standard has it; where inputs jump there is an event.
+"""
+
+import os
+import sys
+import time
+
+import numpy as np
+
+try:
+    from . import outside
+except ImportError:  # a script of its own, which `python -I` does not look around
+    sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+    import outside  # type: ignore[no-redef]
+
+#: Relative tolerance of CVODE; absolute: times the nominal values of the states.
+TOLERANCE = 1e-10
+#: Steps of CVODE from one communication point to the next, at most.
+STEPS = 200_000
+
+
+class Inputs:
+    """Held inputs at any time.  An input whose time derivative is an input, too, moves with it during a step."""
+
+    def __init__(self, instance, names, times, values):
+        self.ports, self.times, self.values, self.k = Setter(instance, names), times, values, 0
+        place = {instance.by_name[name].name: i for i, name in enumerate(names)}
+        rates = {}
+        for name, i in place.items():
+            whole = instance.by_name[name].derivative
+            if whole is not None and whole.name in place:
+                rates[place[whole.name]] = i
+        self.order = [(i, rates[i], rates.get(rates[i])) for i in rates if rates[i] in rates]
+        self.order += [(i, rates[i], None) for i in rates if rates[i] not in rates]
+
+    def at(self, t, k):
+        """(n,) at t of step k."""
+        now, tau = self.values[k].copy(), t - self.times[k]
+        for i, first, second in self.order:
+            now[i] += now[first] * tau + (0.5 * self.values[k, second] * tau * tau if second is not None else 0.0)
+        return now
+
+    def apply(self, t, **_):
+        """Called by fmpy's solver, too."""
+        self.ports.set(self.at(t, self.k))
+
+    def jump(self, k):
+        """Whether step k does not go on with what the one before it ended with."""
+        return not np.array_equal(self.at(self.times[k], k - 1), self.values[k])
+
+
+class Setter:
+    """All inputs in one call."""
+
+    def __init__(self, instance, names):
+        self.fmu, self.count = instance.fmu, len(names)
+        self.references = instance.references(names)
+        self.buffer = (instance.fmi2.fmi2Real * len(names))()
+        self.view = np.frombuffer(self.buffer) if names else np.zeros(0)
+
+    def set(self, values):
+        self.view[:] = values
+        if self.count:
+            self.fmu.fmi2SetReal(self.fmu.component, self.references, self.count, self.buffer)
+
+
+class Instance(outside.Instance):
+    """An FMU of model exchange."""
+
+    def connect(self, name):
+        return self.fmi2.FMU2Model(
+            guid=self.description.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=self.description.modelExchange.modelIdentifier,
+            instanceName=name,
+        )
+
+
+def cvode(instance, inputs, start):
+    """fmpy's solver, whose right-hand side sees the inputs of the instant."""
+    from fmpy.fmi1 import FMICallException
+    from fmpy.sundials import CVodeSolver
+
+    class Solver(CVodeSolver):
+        evaluations = 0
+
+        def f(self, t, y, ydot, user_data):
+            self.evaluations += 1
+            try:
+                self.input.apply(t)
+                return super().f(t, y, ydot, user_data)
+            except FMICallException:
+                return 1  # CVODE tries a shorter step
+
+    fmu, described = instance.fmu, instance.description
+    return Solver(
+        nx=described.numberOfContinuousStates,
+        nz=described.numberOfEventIndicators,
+        get_x=fmu.getContinuousStates,
+        set_x=fmu.setContinuousStates,
+        get_dx=fmu.getDerivatives,
+        get_z=fmu.getEventIndicators,
+        get_nominals=fmu.getNominalsOfContinuousStates,
+        set_time=fmu.setTime,
+        input=inputs,
+        startTime=start,
+        relativeTolerance=TOLERANCE,
+        maxNumSteps=STEPS,
+    )
+
+
+def event(fmu, inputs, now):
+    """Event Mode, with the inputs of the step that begins."""
+    fmu.enterEventMode()
+    inputs.apply(now)
+    while fmu.newDiscreteStates()[0]:
+        pass
+    fmu.enterContinuousTimeMode()
+
+
+def advance(fmu, solver, inputs, now, end):
+    """From one communication point to the next."""
+    while now < end:
+        found, _, now = solver.step(now, end)
+        fmu.setTime(now)
+        inputs.apply(now)
+        if fmu.completedIntegratorStep()[0] or found:
+            event(fmu, inputs, now)
+            solver.reset(now)
+
+
+def run(instance, times, values, names, parameters, told=None):
+    """Integrate under held inputs.  Returns outputs (K+1, n), their names, and the seconds that it took.
+
+    told: gets the part of the steps that is done, 0 to 1.
+    """
+    fmu = instance.fmu
+    fmu.setupExperiment(startTime=times[0])
+    instance.set(parameters)
+    inputs, ports = Inputs(instance, names, times, values), outside.Ports(instance, [])
+    inputs.apply(times[0])
+    fmu.enterInitializationMode()
+    ports.get()
+    out = np.empty((len(times), len(ports.names)))
+    out[0] = ports.row()
+    fmu.exitInitializationMode()
+    while fmu.newDiscreteStates()[0]:
+        pass
+    fmu.enterContinuousTimeMode()
+    solver, begin = cvode(instance, inputs, times[0]), time.perf_counter()
+    for k in range(len(values)):
+        if k and inputs.jump(k):
+            inputs.apply(times[k])
+            fmu.enterEventMode()
+            inputs.k = k
+            inputs.apply(times[k])
+            while fmu.newDiscreteStates()[0]:
+                pass
+            fmu.enterContinuousTimeMode()
+            solver.reset(times[k])
+        inputs.k = k
+        advance(fmu, solver, inputs, times[k], times[k + 1])
+        ports.get()
+        out[k + 1] = ports.row()
+        if told:
+            told((k + 1) / len(values))
+    return out, ports.names, time.perf_counter() - begin
+
+
+def main(job_path, result_path, *options):
+    outside.main(job_path, result_path, *options, make=Instance, run=run)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

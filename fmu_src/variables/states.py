@@ -1,0 +1,296 @@
+"""Continuous states and their derivatives as variables of model exchange FMUs, and on what derivatives and outputs depend then.
+
+States stand in the order of the kernel's continuous-time view: coordinates, their rates, and the two integrals of the energy
+ledger, which are outputs.  References follow those of the kernel's blocks: states that are no outputs, then the derivatives of
+all.  The scale of the ledger is left out: nobody integrates it there.
+
+Dependencies are those of the structure's graph.  Strings couple what hangs at their ends, on states and on the inputs of the
+same instant, in continuous time and in events; on parameters, which cannot change then or do so in events, nothing is listed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tensegrity_core.fields import FIELDS
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.kernel.continuous import ContinuousView
+from tensegrity_core.model import Model
+from tensegrity_core.model.components import AXES
+
+from .dependencies import Places
+from .interface import Variable, flat, require_unique, variables
+
+#: Outputs that have no place in model exchange.
+LEFT_OUT = ("throughput",)
+#: Units of derivatives by those of the states.
+RATES_OF = {"m": "m/s", "m/s": "m/s2", "J": "W"}
+#: Outputs that are states, in the order in which they are the last ones.
+INTEGRALS = ("dissipated", "input_work")
+
+
+def exchange_variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
+    """The variables of an FMU for model exchange, in order of their references; outputs and derivatives with what they
+    depend on.  Raises ValueError where two would get the same name."""
+    table = [row for row in variables(model, naming) if row.field not in LEFT_OUT]
+    graph = _Graph(model)
+    nominals = ContinuousView(Kernel(model)).nominals
+    named = list(zip(graph.names, graph.units, graph.meanings))
+    rows = [
+        _local(graph.first + i, name, unit, f"{meaning} (continuous state)", nominals[i], naming)
+        for i, (name, unit, meaning) in enumerate(named)
+    ]
+    integrals = [row for field in INTEGRALS for row in table if row.field == field]
+    for place, state in enumerate([*rows, *integrals]):
+        name = f"der({state.name})" if naming != "flat" else f"der_{state.name}"
+        what = f"derivative of {state.name}"
+        rate = _local(graph.rate(place), name, RATES_OF[state.unit], what, nominals[place], naming)
+        rows.append(replace(rate, derivative_of=state.reference, depends=graph.derivative(place)))
+    visible = {row.reference for row in (*table, *rows)}
+    table = [replace(row, depends=graph.output(row.reference) & visible) if row.causality == "output" else row for row in table]
+    rows = [row if row.depends is None else replace(row, depends=frozenset(row.depends) & visible) for row in rows]
+    require_unique([*table, *rows])
+    return (*table, *rows)
+
+
+def _local(reference: int, name: str, unit: str, meaning: str, nominal: float, naming: str) -> Variable:
+    return Variable(
+        name=flat(name) if naming == "flat" else name,
+        reference=reference,
+        kind="Real",
+        causality="local",
+        variability="continuous",
+        initial="calculated",
+        unit=unit,
+        start=None,
+        min=None,
+        max=None,
+        nominal=float(f"{nominal:.3g}"),
+        description=meaning,
+        field="",
+        known=(),
+    )
+
+
+class _Graph:
+    """What hangs on what.  A block is a list of coordinates that strings and forces act on together; names, units, meanings: of
+    the states that are no outputs; first: the reference of the first of them."""
+
+    def __init__(self, model: Model):
+        self.model, self.places = model, Places(model)
+        self.axes = len(model.axes)
+        self.first = self.places.end
+        self.blocks: list[tuple[str, int, str]] = []  # name, how many coordinates, meaning
+        self.of_node: dict[int, list[int]] = {node: [] for node in range(len(model.nodes))}
+        self.of_bar: list[list[int]] = []
+        for b, ends in enumerate(model.bars.tolist()):
+            name, free = model.bar_names[b], [node for node in ends if not model.fixed[node]]
+            own = []
+            if len(free) == 2:
+                own.append(self._add(f"{name}.center", self.axes, f"bar {name}: centre of mass with its point masses"))
+            own.append(
+                self._add(
+                    f"{name}.vector",
+                    self.axes,
+                    f"bar {name}: vector from its first node to its second"
+                    if len(free) == 2
+                    else f"bar {name}: vector from its fixed node to its other",
+                )
+            )
+            for node in free:
+                self.of_node[node] = own
+            self.of_bar.append(own)
+        on_bars = set(model.bars.ravel().tolist())
+        for node in model.free_nodes.tolist():
+            if node not in on_bars:
+                name = model.node_names[node]
+                self.of_node[node] = [self._add(f"{name}.coordinate", self.axes, f"point mass {name}: position")]
+        self.motor = {}
+        for s in model.actuated:
+            name = model.string_names[s]
+            self.motor[s] = self._add(f"{name}.actuator.wound", 1, f"string {name}: length that its actuator has wound in")
+        self.starts = np.cumsum([0, *(count for _, count, _ in self.blocks)])
+        self.half = int(self.starts[-1])
+        self.names, self.units, self.meanings = [], [], []
+        for suffix, unit, of in (("", "m", ""), ("_rate", "m/s", "rate of ")):
+            for name, count, meaning in self.blocks:
+                for axis in range(count):
+                    along = f".{AXES[model.axes[axis]]}" if count > 1 else ""
+                    self.names.append(f"{name}{suffix}{along}")
+                    self.units.append(unit)
+                    self.meanings.append(f"{of}{meaning}{f', along {along[1:]}' if along else ''}")
+
+    def _add(self, name: str, count: int, meaning: str) -> int:
+        self.blocks.append((name, count, meaning))
+        return len(self.blocks) - 1
+
+    def rate(self, state: int) -> int:
+        """Reference of a state's derivative."""
+        return self.first + 2 * self.half + state
+
+    # --- sets of references ---------------------------------------------------------------------------------------------
+
+    def coordinates(self, blocks, rates: bool = False, axis: int | None = None) -> set[int]:
+        """Of the states of these blocks, or of their rates; axis: that one only."""
+        found, offset = set(), self.first + (self.half if rates else 0)
+        for block in blocks:
+            count = self.blocks[block][1]
+            found |= {offset + int(self.starts[block]) + i for i in range(count) if axis in (None, i)}
+        return found
+
+    def moved(self, field: str, node: int, axis: int | None = None) -> set[int]:
+        """An input of the moved node that this one moves with."""
+        if node not in self.places.mover:
+            return set()
+        first = self.places.mover[node] * self.axes
+        return {self.places.at(field, first + i) for i in range(self.axes) if axis in (None, i)}
+
+    def position(self, node: int, axis: int | None = None) -> set[int]:
+        return self.coordinates(self.of_node[node], False, axis) | self.moved("node_position", node, axis)
+
+    def velocity(self, node: int, axis: int | None = None) -> set[int]:
+        return self.coordinates(self.of_node[node], True, axis) | self.moved("node_velocity", node, axis)
+
+    def length(self, s: int) -> set[int]:
+        return set().union(*(self.position(int(node)) for node in self.model.strings[s]))
+
+    def elastic(self, s: int) -> set[int]:
+        own = self.coordinates([self.motor[s]]) if s in self.motor else set()
+        return self.length(s) | own | {self.places.at("rest_length", s)}
+
+    def tension(self, s: int) -> set[int]:
+        rates = set().union(*(self.velocity(int(node)) for node in self.model.strings[s]))
+        own = self.coordinates([self.motor[s]], True) if s in self.motor else set()
+        return self.elastic(s) | rates | own | {self.places.at("rest_length_rate", s)}
+
+    def on_node(self, node: int) -> set[int]:
+        """The force on a node by strings, drag and, where it is free, the input."""
+        found: set[int] = set()
+        for s, ends in enumerate(self.model.strings.tolist()):
+            if node in ends:
+                found |= self.tension(s)
+        if any(at == node for at, _ in self.model.drag):
+            found |= self.velocity(node)
+        for f in np.flatnonzero(self.model.free_nodes == node):
+            found |= {self.places.at("force", int(f) * self.axes + axis) for axis in range(self.axes)}
+        return found
+
+    def on_bar(self, b: int) -> set[int]:
+        """What accelerates a bar: the forces at its free ends, its own turning, and its pin."""
+        ends = [int(node) for node in self.model.bars[b]]
+        free = [node for node in ends if not self.model.fixed[node]]
+        found = set().union(*(self.on_node(node) for node in free))
+        return found.union(*(self.moved("node_acceleration", node) for node in ends))
+
+    # --- what is asked --------------------------------------------------------------------------------------------------
+
+    def derivative(self, state: int) -> frozenset[int]:
+        """On what the derivative of a state depends."""
+        if state < self.half:
+            return frozenset({self.first + self.half + state})
+        if state >= 2 * self.half:
+            return frozenset(self._power(state - 2 * self.half))
+        block = int(np.searchsorted(self.starts, state - self.half, side="right")) - 1
+        for s, motor in self.motor.items():
+            if motor == block:
+                a = list(self.motor).index(s)
+                inputs = {self.places.at("current", a), self.places.at("drum_load", a)}
+                return frozenset(self.tension(s) | self.coordinates([block], True) | inputs)
+        for b, own in enumerate(self.of_bar):
+            if block in own:
+                turning = self.coordinates(own[-1:]) | self.coordinates(own[-1:], True) if block == own[-1] else set()
+                return frozenset(self.on_bar(b) | turning)
+        node = next(node for node, own in self.of_node.items() if own == [block])
+        return frozenset(self.on_node(node))
+
+    def _power(self, which: int) -> set[int]:
+        """Of the dissipated energy (0), of the input work (1)."""
+        model, everything = self.model, set()
+        for s in range(len(model.strings)):
+            everything |= self.tension(s)
+        if which == 0:
+            dragged = (self.velocity(node) for node, _ in model.drag)
+            return everything.union(*dragged, *(self.coordinates([motor], True) for motor in self.motor.values()))
+        found = set().union(*(self.tension(s) for s in range(len(model.strings)) if s not in self.motor))
+        for f, node in enumerate(model.free_nodes.tolist()):
+            found |= {self.places.at("force", f * self.axes + axis) for axis in range(self.axes)} | self.velocity(node)
+        for a, motor in enumerate(self.motor.values()):
+            found |= {self.places.at("current", a), self.places.at("drum_load", a)} | self.coordinates([motor], True)
+        for node in model.moving:
+            found |= self.on_node(node) | self.moved("node_velocity", node) | self.moved("node_acceleration", node)
+            for b, ends in enumerate(model.bars.tolist()):
+                if node in ends:
+                    found |= self.on_bar(b) | self.coordinates(self.of_bar[b]) | self.coordinates(self.of_bar[b], True)
+        return found
+
+    def output(self, reference: int) -> frozenset[int]:
+        """On what an output depends."""
+        field, place = self.places.field_of(reference)
+        method = getattr(self, f"output_{field}", None)
+        return frozenset(method(place) if method else self._everything())
+
+    def _everything(self) -> set[int]:
+        inputs = (self.places.all(field.name) for field in FIELDS if field.role == "input")
+        return set(range(self.first, self.first + 2 * self.half)).union(*inputs)
+
+    def output_position(self, i: int) -> set[int]:
+        return self.position(i // self.axes, i % self.axes)
+
+    def output_velocity(self, i: int) -> set[int]:
+        return self.velocity(int(self.model.free_nodes[i // self.axes]), i % self.axes)
+
+    def output_string_force(self, s: int) -> set[int]:
+        return self.tension(s)
+
+    def output_elastic_force(self, s: int) -> set[int]:
+        return self.elastic(s)
+
+    def output_string_length(self, s: int) -> set[int]:
+        return self.length(s)
+
+    def output_snapped(self, i: int) -> set[int]:
+        return self.elastic(self.model.nsh_strings[i])
+
+    def output_wound_rest_length(self, a: int) -> set[int]:
+        s = self.model.actuated[a]
+        return self.coordinates([self.motor[s]]) | {self.places.at("rest_length", s)}
+
+    def output_wound_rest_length_rate(self, a: int) -> set[int]:
+        return self.coordinates([self.motor[self.model.actuated[a]]], True)
+
+    output_motor_speed = output_wound_rest_length_rate
+
+    def output_bar_force(self, b: int) -> set[int]:
+        own = self.of_bar[b][-1:]
+        return self.on_bar(b) | self.coordinates(own) | self.coordinates(own, True)
+
+    def output_reaction(self, i: int) -> set[int]:
+        node, axis = int(self.model.fixed_nodes[i // self.axes]), i % self.axes
+        found = self.on_node(node)
+        bars = [b for b, ends in enumerate(self.model.bars.tolist()) if node in ends]
+        if any(at == node for at, _ in self.model.point_mass) and not bars:
+            found |= self.moved("node_acceleration", node, axis)
+        for b in bars:
+            found |= self.output_bar_force(b)
+        return found
+
+    def output_kinetic(self, _: int) -> set[int]:
+        rates = self.coordinates(range(len(self.blocks)), True)
+        return rates.union(*(self.moved("node_velocity", node) for node in self.model.moving))
+
+    def output_potential(self, _: int) -> set[int]:
+        model = self.model
+        falls = range(self.axes) if model.counts["V"] > 1 else [i for i, axis in enumerate(model.axes) if axis == 2]
+        heavy = [node for node in range(len(model.nodes)) if self.of_node[node] or node in self.places.mover]
+        return set().union(*(self.position(node, axis) for node in heavy for axis in falls))
+
+    def output_elastic(self, _: int) -> set[int]:
+        return set().union(*(self.elastic(s) for s in range(len(self.model.strings))))
+
+    def output_dissipated(self, _: int) -> set[int]:
+        return {self.places.at("dissipated", 0)}
+
+    def output_input_work(self, _: int) -> set[int]:
+        return {self.places.at("input_work", 0)}
