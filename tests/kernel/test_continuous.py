@@ -236,7 +236,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
     before = kernel.save()
     mass = kernel["bar_mass"].copy()
     kernel["bar_mass"][0] = 2.0
-    with pytest.raises(InputError, match="fixed parameter"):
+    with pytest.raises(InputError, match="is fixed"):
         view.update_discrete()
     kernel["bar_mass"][:] = mass
     kernel["rest_length"][0] = -1.0
