@@ -117,7 +117,7 @@ TS_API int ts_continuous_derivatives(ts_sim *sim, double *dx); /* unit/s */
 TS_API int ts_step_derivatives(ts_sim *sim, double *dx);       /* the same at the end of a ts_step() */
 TS_API int ts_continuous_outputs(ts_sim *sim);
 TS_API int ts_event_indicators(ts_sim *sim, double *z);
-TS_API int ts_completed_step(const ts_sim *sim);
+TS_API int ts_completed_step(ts_sim *sim);
 TS_API int ts_enter_event(ts_sim *sim);
 TS_API int ts_update_discrete(ts_sim *sim, int32_t *changed);
 

@@ -77,7 +77,8 @@ static int is_sound(const ts_memory *memory)
     const ts_span *span = &memory->span;
     const double reals[] = {memory->time,      memory->time_low, memory->h_next, memory->joined, memory->err_last,
                             memory->last_step, span->start,      span->h,        span->reach,    span->clipped};
-    const int32_t counters[] = {memory->rejected, memory->stiff, memory->patience, c->losing, c->phase_steps, c->steps};
+    const int32_t counters[] = {memory->rejected, memory->stiff, memory->patience, c->losing,
+                                c->phase_steps,   c->steps,      memory->completed};
     int sound = ts_all_finite(reals, sizeof reals / sizeof *reals);
     sound = sound && ts_all_finite(&c->work, (int)(offsetof(ts_choice, h_lambda) / sizeof(double)));
     for (size_t i = 0; i < sizeof counters / sizeof *counters; i++) sound = sound && counters[i] >= 0;

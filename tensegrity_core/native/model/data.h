@@ -52,17 +52,17 @@ typedef struct {
     double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
     ts_choice choice;
     ts_span span;
-    double joined;    /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
-    double err_last;  /* of the last accepted step, in units of the tolerance */
-    double last_step; /* s, of the last call: the outputs are those at its end */
-    int32_t rejected; /* attempts in a row that were */
-    int32_t sloped;   /* some input had a derivative then */
-    int32_t active;   /* method in use */
-    int32_t stiff;    /* signs of stiffness, or of its absence, in the steps just taken */
-    int32_t patience; /* how many of them make `auto` leave the explicit method before its interval is over */
-    int32_t started;  /* ts_initialize() has been called */
-    int32_t method;   /* as it was then */
-    int32_t unused;
+    double joined;     /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
+    double err_last;   /* of the last accepted step, in units of the tolerance */
+    double last_step;  /* s, of the last call: the outputs are those at its end */
+    int32_t rejected;  /* attempts in a row that were */
+    int32_t sloped;    /* some input had a derivative then */
+    int32_t active;    /* method in use */
+    int32_t stiff;     /* signs of stiffness, or of its absence, in the steps just taken */
+    int32_t patience;  /* how many of them make `auto` leave the explicit method before its interval is over */
+    int32_t started;   /* ts_initialize() has been called */
+    int32_t method;    /* as it was then */
+    int32_t completed; /* steps of a host that integrates by itself, since the bars got their lengths back */
     int64_t stats[TS_STATS];
 } ts_memory;
 
