@@ -24,6 +24,9 @@ def build(
     ] = None,
     all: Annotated[bool, typer.Option("--all", help="All built-in scenes.")] = False,
     runtime: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(RUNTIMES)}.")] = "both",
+    kind: Annotated[
+        str, typer.Option(metavar="NAME", help="cs: co-simulation; me: model exchange, native only; both: in one FMU.")
+    ] = "cs",
     platforms: Annotated[
         str, typer.Option(metavar="NAMES", help="Beside this one: linux64, win64 ... with commas between them, or all.")
     ] = "",
@@ -67,7 +70,8 @@ def build(
     runtime, naming = one_of("--runtime", runtime, RUNTIMES), one_of("--naming", naming, NAMINGS)
     options = builds.Options(
         scenes=(*(builtin_scenes() if all else ()), *(scenes or ())),
-        runtimes=("native", "python") if runtime == "both" else (runtime,),
+        runtimes=(runtime,) if runtime != "both" else ("native", "python") if kind == "cs" else ("native",),
+        kind=kind,
         platforms=builds.platforms(platforms),
         sources=sources,
         simple=simple_types,

@@ -32,21 +32,23 @@ from .validation.report import write_report
 from .validation.scenarios import Scenario, scenarios
 from .validation.trials import trials
 from .validation.validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
+from .variables.model_description import KINDS
 
 
 @dataclass(frozen=True)
 class Options:
     """What is built of each scene, and how it is checked.
 
-    scenes: names or paths; runtimes: of "native", "python"; platforms: beside this one, keys of TARGETS; sources,
-    cross_check: of native FMUs; simple: see Contents; page: the page in which the scene moves goes into their documentation
-    and beside the reports; apart: actuators as FMUs of their own; ssp: version of the archive that couples these with the
-    structure, None for none; cache: folder of reference runs, None for none; json: the table as JSON on standard output, and
-    everything else on standard error.
+    scenes: names or paths; runtimes: of "native", "python"; kind: one of KINDS; platforms: beside this one, keys of TARGETS;
+    sources, cross_check: of native FMUs; simple: see Contents; page: the page in which the scene moves goes into their
+    documentation and beside the reports; apart: actuators as FMUs of their own; ssp: version of the archive that couples
+    these with the structure, None for none; cache: folder of reference runs, None for none; json: the table as JSON on
+    standard output, and everything else on standard error.
     """
 
     scenes: tuple[str, ...]
     runtimes: tuple[str, ...] = ("native", "python")
+    kind: str = "cs"
     platforms: tuple[str, ...] = ()
     sources: bool = False
     simple: bool = False
@@ -67,6 +69,10 @@ class Options:
             raise InputError("no scene is named; name one, or give --all")
         if not (self.runtimes and set(self.runtimes) <= {"native", "python"}):
             raise InputError(f"runtime = {', '.join(map(str, self.runtimes))!r} is none; use native, python or both")
+        if self.kind not in KINDS:
+            raise InputError(f"--kind {self.kind}: there is no such kind; use {', '.join(KINDS)}")
+        if self.kind != "cs":
+            self._require_exchange()
         if self.simple and self.validate:
             raise InputError("--simple-types leaves outputs out that the validation reads: give --no-validate, too")
         if self.ssp is not None and self.ssp not in VERSIONS:
@@ -78,6 +84,17 @@ class Options:
         native = [option for option, given in (("--sources", self.sources), ("--cross-check", self.cross_check)) if given]
         if native and "native" not in self.runtimes:
             raise InputError(f"{', '.join(native)}: for native FMUs, which --runtime python leaves out")
+
+    def _require_exchange(self) -> None:
+        """Raises InputError where model exchange does not go with what else is asked for."""
+        other = {
+            "--runtime python: the Python runtime has co-simulation only; give --runtime native": "python" in self.runtimes,
+            "--simple-types": self.simple,
+            "--detach-actuators": self.apart,
+            "--cross-check": self.cross_check,
+        }
+        for option in (option for option, given in other.items() if given):
+            raise InputError(f"--kind {self.kind} does not go with {option}")
 
 
 #: About how long it takes, s: to compile a library, to build what pages have in common, to pack an FMU, to run one from
@@ -223,7 +240,7 @@ def live_pages(models: dict[str, Model], work: Work) -> dict[str, bytes]:
 
 
 def pack(model: Model, runtime: str, options: Options, live: bytes | None = None) -> Path:
-    path = options.output / runtime / f"{model.name}.fmu"
+    path = options.output / (runtime if options.kind == "cs" else options.kind) / f"{model.name}.fmu"
     if runtime == "python":
         return pack_python_fmu(model, path, options.naming, simple=options.simple, platforms=options.platforms, page=live)
     return pack_native_fmu(model, path, options.naming, **contents(options, live))
@@ -231,7 +248,8 @@ def pack(model: Model, runtime: str, options: Options, live: bytes | None = None
 
 def contents(options: Options, live: bytes | None = None) -> dict:
     """What may be in native FMUs, see native_fmu.Contents."""
-    return {"platforms": options.platforms, "sources": options.sources, "simple": options.simple, "page": live}
+    chosen = {"platforms": options.platforms, "sources": options.sources, "simple": options.simple, "page": live}
+    return chosen | {"kind": options.kind}
 
 
 def unique(scenes: list[Scene]) -> dict[str, Model]:
@@ -266,10 +284,11 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages
     work.bar.what = "choosing inputs"
     runs = {name: runs_of(model, options.thorough) for name, model in models.items()}
     outside, status = {}, 0
-    for ((name, runtime), path), _ in each(tuple(built.items()), work.running):
+    for (name, runtime, kind, path), _ in each(hosted(built, options.kind), work.running):
         work.bar.what = f"running {name}, {runtime}"
+        some = repeated(runs[name]) if kind == "cs" else runs[name]
         try:
-            outside[name, runtime] = run_outside(path, models[name], options.naming, repeated(runs[name]))
+            outside[name, runtime] = run_outside(path, models[name], options.naming, some, kind=kind)
         except TensegrityError as error:
             status = work.fail(f"{name}, {runtime}", error)
     with workers() as executor:
@@ -294,12 +313,12 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages
             except TensegrityError as error:
                 status = work.fail(f"{name}, {runtime}", error)
                 continue
-            report = built[name, runtime].with_suffix(".html")
+            fmu, report = file_and_report(built, name, runtime)
             live = beside.get(name)
             write_report(validation, report, live)
             files[report] = f"report of {name}, {runtime}"
             table.append(row(validation))
-            found.append(data(validation, built[name, runtime], report, live))
+            found.append(data(validation, fmu, report, live))
             for future in references.started[name]:
                 told.add(*future.result().notes)
             for failure in validation.failures:
@@ -310,6 +329,23 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages
         else "\n".join([*table, *shown_files(files | {live: f"{name}, in motion" for name, live in beside.items()})])
     )
     return status
+
+
+#: How a row of the table calls an FMU of both kinds by who integrates it: the FMU, or CVODE.
+BOTH = {"cs": "both: cs", "me": "both: me"}
+
+
+def hosted(built: dict[tuple[str, str], Path], kind: str) -> tuple[tuple[str, str, str, Path], ...]:
+    """Scene, name of the runtime or kind, kind of the host, file: what is run from outside; an FMU of both kinds twice."""
+    if kind != "both":
+        return tuple((name, runtime if kind == "cs" else kind, kind, path) for (name, runtime), path in built.items())
+    return tuple((name, row, host, path) for (name, _), path in built.items() for host, row in BOTH.items())
+
+
+def file_and_report(built: dict[tuple[str, str], Path], name: str, runtime: str) -> tuple[Path, Path]:
+    """An FMU by the scene and what `hosted` calls its runtime, and the file of its report."""
+    fmu = built.get((name, runtime)) or built[name, "native"]
+    return fmu, fmu.with_name(f"{fmu.stem}_me.html") if runtime == BOTH["me"] else fmu.with_suffix(".html")
 
 
 class References:

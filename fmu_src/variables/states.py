@@ -165,23 +165,29 @@ class _Graph:
         own = self.coordinates([self.motor[s]], True) if s in self.motor else set()
         return self.elastic(s) | rates | own | {self.places.at("rest_length_rate", s)}
 
-    def on_node(self, node: int) -> set[int]:
-        """The force on a node by strings, drag and, where it is free, the input."""
+    def damping(self, s: int) -> set[int]:
+        """What a string's damper takes; of a clipped string all that its spring gives."""
+        own = self.coordinates([self.motor[s]]) if s in self.motor else set()
+        return self.tension(s) - ({self.places.at("rest_length", s)} | own if self.model.damping_law == "literal" else set())
+
+    def on_node(self, node: int, along: int | None = None) -> set[int]:
+        """The force on a node by strings, drag and, where it is free, the input; along: its part along that axis."""
         found: set[int] = set()
         for s, ends in enumerate(self.model.strings.tolist()):
             if node in ends:
                 found |= self.tension(s)
         if any(at == node for at, _ in self.model.drag):
-            found |= self.velocity(node)
+            found |= self.velocity(node, along)
         for f in np.flatnonzero(self.model.free_nodes == node):
-            found |= {self.places.at("force", int(f) * self.axes + axis) for axis in range(self.axes)}
+            axes = range(self.axes) if along is None else [along]
+            found |= {self.places.at("force", int(f) * self.axes + axis) for axis in axes}
         return found
 
-    def on_bar(self, b: int) -> set[int]:
-        """What accelerates a bar: the forces at its free ends, its own turning, and its pin."""
+    def on_bar(self, b: int, along: int | None = None) -> set[int]:
+        """What accelerates a bar: the forces at its free ends, and its pin."""
         ends = [int(node) for node in self.model.bars[b]]
         free = [node for node in ends if not self.model.fixed[node]]
-        found = set().union(*(self.on_node(node) for node in free))
+        found = set().union(*(self.on_node(node, along) for node in free))
         return found.union(*(self.moved("node_acceleration", node) for node in ends))
 
     # --- what is asked --------------------------------------------------------------------------------------------------
@@ -198,21 +204,22 @@ class _Graph:
                 a = list(self.motor).index(s)
                 inputs = {self.places.at("current", a), self.places.at("drum_load", a)}
                 return frozenset(self.tension(s) | self.coordinates([block], True) | inputs)
+        axis = state - self.half - int(self.starts[block])
         for b, own in enumerate(self.of_bar):
+            if block == own[-1]:  # turns: what acts along one axis moves it along the others
+                return frozenset(self.on_bar(b) | self.coordinates([block]) | self.coordinates([block], True))
             if block in own:
-                turning = self.coordinates(own[-1:]) | self.coordinates(own[-1:], True) if block == own[-1] else set()
-                return frozenset(self.on_bar(b) | turning)
+                return frozenset(self.on_bar(b, axis))
         node = next(node for node, own in self.of_node.items() if own == [block])
-        return frozenset(self.on_node(node))
+        return frozenset(self.on_node(node, axis))
 
     def _power(self, which: int) -> set[int]:
         """Of the dissipated energy (0), of the input work (1)."""
-        model, everything = self.model, set()
-        for s in range(len(model.strings)):
-            everything |= self.tension(s)
+        model = self.model
         if which == 0:
+            dampers = (self.damping(s) for s in range(len(model.strings)))
             dragged = (self.velocity(node) for node, _ in model.drag)
-            return everything.union(*dragged, *(self.coordinates([motor], True) for motor in self.motor.values()))
+            return set().union(*dampers, *dragged, *(self.coordinates([motor], True) for motor in self.motor.values()))
         found = set().union(*(self.tension(s) for s in range(len(model.strings)) if s not in self.motor))
         for f, node in enumerate(model.free_nodes.tolist()):
             found |= {self.places.at("force", f * self.axes + axis) for axis in range(self.axes)} | self.velocity(node)
@@ -283,8 +290,11 @@ class _Graph:
     def output_potential(self, _: int) -> set[int]:
         model = self.model
         falls = range(self.axes) if model.counts["V"] > 1 else [i for i, axis in enumerate(model.axes) if axis == 2]
-        heavy = [node for node in range(len(model.nodes)) if self.of_node[node] or node in self.places.mover]
-        return set().union(*(self.position(node, axis) for node in heavy for axis in falls))
+        masses = {own[0] for own in (*self.of_bar, *self.of_node.values()) if own}  # a free bar's is at its centre of mass
+        heavy = {node for node, _ in model.point_mass} | set(model.bars.ravel().tolist())
+        grounds = [node for node in model.moving if node in heavy]
+        found = (self.coordinates(masses, False, axis) for axis in falls)
+        return set().union(*found, *(self.moved("node_position", node, axis) for node in grounds for axis in falls))
 
     def output_elastic(self, _: int) -> set[int]:
         return set().union(*(self.elastic(s) for s in range(len(self.model.strings))))

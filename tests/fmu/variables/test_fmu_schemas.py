@@ -47,6 +47,7 @@ KINDS = [
         for simple in (False, True)
     ),
     ("native", "structured", False, True),
+    *(("native", naming, False, True, kind) for naming in ("structured", "flat") for kind in ("me", "both")),
 ]
 
 
@@ -65,11 +66,11 @@ def models() -> Iterator[Model]:
     yield from map(element_scenes.mast, element_scenes.STRINGS)
 
 
-def files_of(model: Model, runtime: str, naming: str, simple: bool, sources: bool) -> dict[str, bytes]:
+def files_of(model: Model, runtime: str, naming: str, simple: bool, sources: bool, kind: str = "cs") -> dict[str, bytes]:
     if runtime == "python":
         kernel = {here(): CORE / "native" / LIBRARY}
         return python_fmu_files(model, naming, {here(): host_library("python")}, kernel, simple)
-    return native_fmu_files(model, Contents(naming, sources=sources, simple=simple), {here(): host_library()})
+    return native_fmu_files(model, Contents(naming, sources=sources, simple=simple, kind=kind), {here(): host_library()})
 
 
 def problems(files: dict[str, bytes]) -> list[str]:
@@ -106,8 +107,17 @@ def broken_rules(root) -> list[str]:
             found.append(f"{name} cannot be the derivative of {whole.get('name')}")
     unknowns = [int(unknown.get("index")) for unknown in root.find("ModelStructure/InitialUnknowns")]
     outputs = [place for place, one in enumerate(scalars, 1) if one.get("causality") == "output"]
-    if unknowns != outputs or [int(unknown.get("index")) for unknown in root.find("ModelStructure/Outputs")] != outputs:
-        found.append("outputs and initial unknowns are not the outputs, in their order")
+    states = [place for place, one in enumerate(scalars, 1) if one.get("causality") == "local"]
+    rates = [place for place in states if scalars[place - 1][0].get("derivative") is not None]
+    if [int(unknown.get("index")) for unknown in root.findall("ModelStructure/Derivatives/Unknown")] != rates:
+        found.append("the derivatives of the states are not those that say so, in their order")
+    if (
+        unknowns != outputs + states
+        or [int(unknown.get("index")) for unknown in root.find("ModelStructure/Outputs")] != outputs
+    ):
+        found.append(
+            "outputs and initial unknowns are not the outputs, with states and derivatives behind them, in their order"
+        )
     return found
 
 
