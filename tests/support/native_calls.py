@@ -66,6 +66,20 @@ ARGUMENTS = {
     "GetStringStatus": (c_int, POINTER(c_char_p)),
 }
 
+#: The same of model exchange, which the native library alone has.
+EXCHANGE_ARGUMENTS = {
+    "EnterEventMode": (),
+    "NewDiscreteStates": (c_void_p,),
+    "EnterContinuousTimeMode": (),
+    "CompletedIntegratorStep": (c_int, POINTER(c_int), POINTER(c_int)),
+    "SetTime": (c_double,),
+    "SetContinuousStates": (_REALS, c_size_t),
+    "GetContinuousStates": (_REALS, c_size_t),
+    "GetDerivatives": (_REALS, c_size_t),
+    "GetNominalsOfContinuousStates": (_REALS, c_size_t),
+    "GetEventIndicators": (_REALS, c_size_t),
+}
+
 
 def load(path: Path, mode: int = ctypes.DEFAULT_MODE) -> ctypes.CDLL:
     """The library of a native FMU with the prototypes of FMI 2.0."""
@@ -76,6 +90,9 @@ def load(path: Path, mode: int = ctypes.DEFAULT_MODE) -> ctypes.CDLL:
     library.fmi2FreeInstance.restype, library.fmi2FreeInstance.argtypes = None, (c_void_p,)
     for name, arguments in ARGUMENTS.items():
         getattr(library, f"fmi2{name}").argtypes = (c_void_p, *arguments)
+    for name, arguments in EXCHANGE_ARGUMENTS.items():
+        if hasattr(library, f"fmi2{name}"):
+            getattr(library, f"fmi2{name}").argtypes = (c_void_p, *arguments)
     return library
 
 
