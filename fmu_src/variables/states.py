@@ -20,7 +20,7 @@ from tensegrity_core.kernel.continuous import ContinuousView
 from tensegrity_core.model import Model
 from tensegrity_core.model.components import AXES
 
-from .dependencies import Places
+from .dependencies import KNOWN, Places
 from .interface import Variable, flat, require_unique, variables
 
 #: Outputs that have no place in model exchange.
@@ -33,7 +33,7 @@ INTEGRALS = ("dissipated", "input_work")
 
 def exchange_variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     """The variables of an FMU for model exchange, in order of their references; outputs and derivatives with what they
-    depend on.  Raises ValueError where two would get the same name."""
+    depend on; of an input of which nothing is known here, all of them.  Raises ValueError where two would get the same name."""
     table = [row for row in variables(model, naming) if row.field not in LEFT_OUT]
     graph = _Graph(model)
     nominals = ContinuousView(Kernel(model)).nominals
@@ -49,8 +49,12 @@ def exchange_variables(model: Model, naming: str = "structured") -> tuple[Variab
         rate = _local(graph.rate(place), name, RATES_OF[state.unit], what, nominals[place], naming)
         rows.append(replace(rate, derivative_of=state.reference, depends=graph.derivative(place)))
     visible = {row.reference for row in (*table, *rows)}
-    table = [replace(row, depends=graph.output(row.reference) & visible) if row.causality == "output" else row for row in table]
-    rows = [row if row.depends is None else replace(row, depends=frozenset(row.depends) & visible) for row in rows]
+    others = frozenset(row.reference for row in table if row.causality == "input" and row.field not in KNOWN)
+    table = [
+        replace(row, depends=(graph.output(row.reference) | others) & visible) if row.causality == "output" else row
+        for row in table
+    ]
+    rows = [row if row.depends is None else replace(row, depends=(row.depends | others) & visible) for row in rows]
     require_unique([*table, *rows])
     return (*table, *rows)
 
