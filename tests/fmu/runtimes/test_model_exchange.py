@@ -12,13 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
+from fmpy import read_model_description, simulate_fmu
 
+from fmu_src.build import main
+from fmu_src.builds import BOTH, Options, file_and_report, hosted
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.validation.compare import HOSTED_LEDGER_BOUND, compare
 from fmu_src.validation.trials import trials
 from fmu_src.validation.validate import reference_run, run_outside
 from tensegrity_core import reference
+from tensegrity_core.errors import InputError
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import builtin_scenes
 from tests.conftest import once
@@ -136,6 +139,40 @@ def test_a_host_that_gives_inputs_at_every_evaluation_reaches_all_outputs_of_the
     assert judged.transitions[0] == judged.transitions[1] > 20
     lengths = np.linalg.norm(outputs["position"][:, model.bars[:, 1]] - outputs["position"][:, model.bars[:, 0]], axis=2)
     assert np.abs(lengths / model.bar_length - 1.0).max() < 1e-9
+
+
+# How they are built
+
+
+@pytest.mark.parametrize("kind", ["me", "both"])
+def test_the_command_builds_a_kind_beside_co_simulation(kind, tmp_path):
+    assert main(["two_bar", "--kind", kind, "--no-validate", "--no-page", "--output", str(tmp_path)]) == 0
+    described = read_model_description(str(tmp_path / kind / "two_bar.fmu"))
+    assert described.modelExchange is not None and (described.coSimulation is not None) == (kind == "both")
+    assert described.numberOfContinuousStates == 10 and described.numberOfEventIndicators == 6
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"kind": "fmi3"}, "use cs, me, both"),
+        ({"kind": "me", "runtimes": ("native", "python")}, "Python runtime has co-simulation only"),
+        ({"kind": "both", "runtimes": ("native",), "simple": True, "validate": False}, "--simple-types"),
+        ({"kind": "me", "runtimes": ("native",), "apart": True}, "--detach-actuators"),
+        ({"kind": "me", "runtimes": ("native",), "cross_check": Path("there")}, "--cross-check"),
+    ],
+)
+def test_what_does_not_go_with_a_kind_is_named(options, word):
+    with pytest.raises(InputError, match=word):
+        Options(("two_bar",), **options)
+
+
+def test_an_fmu_of_both_kinds_is_run_by_both_hosts():
+    built = {("two_bar", "native"): Path("both/two_bar.fmu")}
+    rows = hosted(built, "both")
+    assert [(name, row, kind) for name, row, kind, _ in rows] == [("two_bar", BOTH["cs"], "cs"), ("two_bar", BOTH["me"], "me")]
+    reports = {file_and_report(built, name, row)[1].name for name, row, _, _ in rows}
+    assert reports == {"two_bar.html", "two_bar_me.html"}
 
 
 # Order of calls
