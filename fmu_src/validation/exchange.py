@@ -4,17 +4,19 @@ Job and result are those of outside.py, which lies beside this script; the host'
 own loop, it gives the FMU its inputs at every evaluation, as the standard has it; where inputs jump there is an event.
 """
 
+import importlib.util
 import os
 import sys
 import time
 
 import numpy as np
 
-try:
+if __package__:
     from . import outside
-except ImportError:  # a script of its own, which `python -I` does not look around
-    sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-    import outside  # type: ignore[no-redef]
+else:  # a script of its own, which `python -I` does not look around
+    found = importlib.util.spec_from_file_location("outside", os.path.join(os.path.dirname(__file__), "outside.py"))
+    outside = importlib.util.module_from_spec(found)  # type: ignore[arg-type]
+    found.loader.exec_module(outside)  # type: ignore[union-attr]
 
 #: Relative tolerance of CVODE; absolute: times the nominal values of the states.
 TOLERANCE = 1e-10

@@ -19,7 +19,7 @@
 
 #define ROUND_OFF_DRIFT 1e-13 /* of bar lengths, relative: not worth a correction */
 #define DRIFT 3e-10           /* that a host's steps may leave behind */
-#define DRIFT_OF_STEP 3e-9    /* of one step: a solver that makes more asks for less, and gets some steps between restarts: */
+#define DRIFT_OF_STEP 1e-8    /* of one step: a solver that makes more asks for less, and gets some steps between restarts: */
 #define STEPS 32
 #define BOOKED 2 /* integrals among the states */
 
