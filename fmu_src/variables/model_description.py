@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree as XML
 
@@ -161,7 +162,7 @@ def _add_files(parent: XML.Element, tag: str, names: tuple[str, ...]) -> None:
 
 
 def _add_kind(
-    root: XML.Element, tag: str, identifier: str, capabilities: dict[str, bool | int], sources: tuple[str, ...]
+    root: XML.Element, tag: str, identifier: str, capabilities: Mapping[str, bool | int], sources: tuple[str, ...]
 ) -> None:
     kind = XML.SubElement(root, tag, modelIdentifier=identifier)
     for name, value in capabilities.items():

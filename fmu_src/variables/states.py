@@ -46,7 +46,7 @@ def exchange_variables(model: Model, naming: str = "structured") -> tuple[Variab
     for place, state in enumerate([*rows, *integrals]):
         name = f"der({state.name})" if naming != "flat" else f"der_{state.name}"
         what = f"derivative of {state.name}"
-        rate = _local(graph.rate(place), name, RATES_OF[state.unit], what, nominals[place], naming)
+        rate = _local(graph.rate(place), name, RATES_OF[str(state.unit)], what, nominals[place], naming)
         rows.append(replace(rate, derivative_of=state.reference, depends=graph.derivative(place)))
     visible = {row.reference for row in (*table, *rows)}
     others = frozenset(row.reference for row in table if row.causality == "input" and row.field not in KNOWN)
