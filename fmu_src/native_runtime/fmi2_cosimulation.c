@@ -134,7 +134,8 @@ FMI2_Export fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
     REQUIRE_KIND(fmi2CoSimulation);
     int32_t inputs = ts_input_count(fmu->sim);
     double *slopes = ts_slopes(fmu->sim);
-    REQUIRE_KNOWN(order ? value : NULL, 0, inputs, "input");
+    if (n) REQUIRE_POINTER(order);
+    REQUIRE_KNOWN(value, 0, inputs, "input");
     for (size_t i = 0; i < n; i++) {
         if (order[i] != 1 && order[i] != 2) return fmu_refuse(fmu, __func__, "only derivatives of order 1 and 2 are used");
         if (isfinite(value[i])) continue;
@@ -152,7 +153,8 @@ FMI2_Export fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
 {
     REQUIRE(c, FMU_STEPPING | FMU_TERMINATED | FMU_ERROR, fmi2Discard);
     REQUIRE_KIND(fmi2CoSimulation);
-    REQUIRE_KNOWN(order ? value : NULL, fmu->first_output, fmu->table.reals, "Real output");
+    if (n) REQUIRE_POINTER(order);
+    REQUIRE_KNOWN(value, fmu->first_output, fmu->table.reals, "Real output");
     for (size_t i = 0; i < n; i++)
         if (order[i] != 1) return fmu_refuse(fmu, __func__, "only derivatives of order 1 are given");
     if (!fmu->derivatives_ready && ts_output_derivatives(fmu->sim, fmu->derivatives) != TS_OK)
