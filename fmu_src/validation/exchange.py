@@ -72,13 +72,7 @@ class Setter:
 class Instance(outside.Instance):
     """An FMU of model exchange."""
 
-    def connect(self, name):
-        return self.fmi2.FMU2Model(
-            guid=self.description.guid,
-            unzipDirectory=self.folder,
-            modelIdentifier=self.description.modelExchange.modelIdentifier,
-            instanceName=name,
-        )
+    ACCESS, KIND = "FMU2Model", "modelExchange"
 
 
 def cvode(instance, inputs, start):

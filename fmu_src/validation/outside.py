@@ -41,13 +41,20 @@ class Instance:
     messages: (status, category, text) that the FMU logged.
     """
 
+    #: fmpy's access to a library of this kind, and where its description has that.
+    ACCESS, KIND = "FMU2Slave", "coSimulation"
+
     def __init__(self, description, folder, name="outside", logging=False, categories=()):
         from fmpy import fmi2
 
         self.fmi2, self.description, self.messages = fmi2, description, []
         self.by_name = {variable.name: variable for variable in description.modelVariables}
-        self.folder = folder
-        self.fmu = self.connect(name)
+        self.fmu = getattr(fmi2, self.ACCESS)(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=getattr(description, self.KIND).modelIdentifier,
+            instanceName=name,
+        )
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
         callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
@@ -56,15 +63,6 @@ class Instance:
         self.fmu.instantiate(callbacks=callbacks, loggingOn=logging)
         if categories:
             self.fmu.setDebugLogging(True, list(categories))
-
-    def connect(self, name):
-        """fmpy's access to the library."""
-        return self.fmi2.FMU2Slave(
-            guid=self.description.guid,
-            unzipDirectory=self.folder,
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName=name,
-        )
 
     def _log(self, environment, name, status, category, message):
         self.messages.append((status, (category or b"").decode(), message.decode()))

@@ -17,7 +17,7 @@ All derivatives are rows over the columns z = [y, delta, y', delta', inputs].
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -55,9 +55,14 @@ class Quantity(NamedTuple):
     value: float
 
 
-class Linear(NamedTuple):
-    """x' = drift + A x + B u, y = C x + D u of deviations; states, inputs, outputs: what the columns and rows are; strings:
-    name -> 'slack', 'taut' or how many of its parts are snapped; drift: (n,), 0 at an equilibrium."""
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """x' = drift + A x + B u, y = C x + D u, all of them deviations from an operating point.
+
+    A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs); states, inputs, outputs: their names, units, and values at the
+    operating point; drift: (n,) x' there, 0 at an equilibrium; strings: what each string is on: 'slack', 'taut', or how many of
+    its parts are snapped.
+    """
 
     A: np.ndarray
     B: np.ndarray

@@ -22,28 +22,15 @@ MOST_NAMES = 30  # that a message lists
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpace:
-    """x' = drift + A x + B u, y = C x + D u, all of them deviations from an operating point.
-
-    A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs); states, inputs, outputs: their names, units, and values at the
-    operating point; drift: (n,) x' there, 0 at an equilibrium; strings: what each string is on: 'slack', 'taut', or how many of
-    its parts are snapped; scene: its name.
-    """
+class StateSpace(Linear):
+    """A linear system with its parts and files.  scene: its name; the other fields are those of `Linear`, deviations from an
+    operating point: A, B, C, D, drift; states, inputs, outputs with names, units and values there; strings."""
 
     scene: str
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    states: tuple[Quantity, ...]
-    inputs: tuple[Quantity, ...]
-    outputs: tuple[Quantity, ...]
-    drift: np.ndarray
-    strings: dict[str, str]
 
     @classmethod
     def of(cls, scene: str, linear: Linear) -> StateSpace:
-        return cls(scene, **linear._asdict())
+        return cls(**vars(linear), scene=scene)
 
     @property
     def poles(self) -> np.ndarray:
