@@ -3,10 +3,14 @@ length."""
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 LONGEST = 1500  # letters of a message
 LONGEST_PART = 500  # of the problem or the remedy of a SceneError
 LONGEST_FILE = 300
 LONGEST_VALUE = 120
+MOST_NAMES = 30  # that a message lists
 
 
 class TensegrityError(Exception):
@@ -80,3 +84,10 @@ def _written(value: object) -> str:
         return repr(value)
     except (ValueError, RecursionError):  # an integer of too many digits, data that is too deep
         return f"a value of type {type(value).__name__}"
+
+
+def nearest(name: str, known: Iterable[str], what: str) -> str:
+    """The remedy for a name that is none of the known ones: those that are close, or the first of what there are."""
+    known = list(known)
+    close = difflib.get_close_matches(name, known, n=3)
+    return f"did you mean {' or '.join(close)}?" if close else f"{what} are {', '.join(known[:MOST_NAMES])}"

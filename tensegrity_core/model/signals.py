@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, nearest
 from ..quantities import number
 from .components import flattened, names, spread
 from .inputs import INPUTS, RATES, Inputs, held, starts
@@ -110,6 +109,4 @@ def _unknown(model: Model, name: str, known: Mapping[str, object]) -> str:
         if name in names(INPUTS[rate], model):
             whole = names(INPUTS[field], model)[names(INPUTS[rate], model).index(name)]
             return f"{name} follows from {whole}; give that over time, and leave {name} out"
-    close = difflib.get_close_matches(name, known, n=3)
-    guess = f"did you mean {' or '.join(close)}?" if close else f"inputs are {', '.join(list(known)[:30])}"
-    return f"{name} is no input of {model.name}; {guess}"
+    return f"{name} is no input of {model.name}; {nearest(name, known, 'inputs')}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..equilibria.linearization import Linear, Quantity
-from ..errors import InputError
+from ..errors import InputError, nearest
 from ..files import replacing, write_text
 from .export import require_writable
 
 #: What an input's name has where its rate's has something else.
 RATES = {".rest_length": ".rest_length_rate", ".position.": ".velocity.", ".velocity.": ".acceleration."}
-MOST_NAMES = 30  # that a message lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +140,7 @@ def _places(kind: str, known: Sequence[Quantity], wanted: Iterable[str] | None, 
     wanted = [wanted] if isinstance(wanted, str) else list(wanted)
     for i, name in enumerate(wanted):
         if name not in names:
-            close = difflib.get_close_matches(str(name), names, n=3)
-            guess = f"did you mean {' or '.join(close)}?" if close else f"{kind}s are {', '.join(names[:MOST_NAMES])}"
-            raise InputError(f"{name} is no {kind} of {scene}; {guess}")
+            raise InputError(f"{name} is no {kind} of {scene}; {nearest(str(name), names, f'{kind}s')}")
         if name in wanted[:i]:
             raise InputError(f"{name} is given twice among the {kind}s; give it once")
     return [names.index(name) for name in wanted]
