@@ -6,10 +6,10 @@ pictures.  --times: measures only; --pictures: takes pictures only.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import os
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -170,11 +170,16 @@ def measured() -> dict[str, Any]:
 
 
 def main() -> None:
-    if "--times" not in sys.argv:
+    parser = argparse.ArgumentParser(description=__doc__)
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--pictures", action="store_true", help="draw, measure nothing")
+    only.add_argument("--times", action="store_true", help="measure, draw nothing")
+    options = parser.parse_args()
+    if not options.times:
         with tempfile.TemporaryDirectory() as folder:
             view_pictures(Path(folder))
             report_pictures(Path(folder))
-    if "--pictures" not in sys.argv:
+    if not options.pictures:
         busy = round(os.getloadavg()[0], 1)
         found = {"times": measured(), "load": busy, "machine": describe()}
         write_text(DATA, json.dumps(found, indent=1) + "\n")
