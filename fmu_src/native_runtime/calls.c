@@ -85,7 +85,7 @@ fmi2Status fmu_look_up(const instance *fmu, const char *what, const fmi2ValueRef
     char why[96];
     if (n && (!vr || !values)) return fmu_refuse(fmu, what, "a null pointer was passed");
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= (uint32_t)first && vr[i] < (uint32_t)end && (!fmu->table.gaps || *fmu->table.name[vr[i]])) continue;
+        if (vr[i] >= (uint32_t)first && vr[i] < (uint32_t)end && (!fmu->table.gaps || fmu->table.span[vr[i]])) continue;
         snprintf(why, sizeof why, "no %s variable has the value reference %u", type, vr[i]);
         return fmu_refuse(fmu, what, why);
     }

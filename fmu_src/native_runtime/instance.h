@@ -31,10 +31,11 @@ typedef struct {
     const char *guid;
     int32_t reals, count, strings;
     int32_t tolerance;        /* reference of solver.tolerance */
-    int32_t gaps;             /* some references have no variable: their names are empty */
+    int32_t gaps;             /* at some references no variable starts */
     uint64_t model;           /* checksum of model.bin */
     const double *low, *high; /* (count) values that are accepted */
     const int32_t *settable;  /* (count) modes in which a value may be set, as bits */
+    const int32_t *span;      /* (count) how many values the variable has that starts here; 0: none does */
     const char **name;        /* (count + strings) owned: of variables, then of strings */
 } variable_table;
 

@@ -4,10 +4,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAGIC "TSVARS2"
+#define MAGIC "TSVARS3"
 
-/* magic[8], int32 reals, count, strings, tolerance, checksum of model.bin (uint64), then low, high (doubles), settable (int32),
- * then texts that end with 0: GUID, names of variables, names of strings; at the end the checksum of all that (uint64). */
+/* Does every variable end where its kind ends, and none reach into the next? */
+static int spans_fit(variable_table *table)
+{
+    for (int32_t i = 0, free_from = 0; i < table->count; i++) {
+        int32_t span = table->span[i], end = i < table->reals ? table->reals : table->count;
+        table->gaps |= span == 0;
+        if (span < 0 || span > end - i || (span && i < free_from)) return 0;
+        if (span) free_from = i + span;
+    }
+    return 1;
+}
+
+/* magic[8], int32 reals, count, strings, tolerance, checksum of model.bin (uint64), then low, high (doubles), settable, span
+ * (int32), then texts that end with 0: GUID, names of variables, names of strings; at the end the checksum of all that (uint64). */
 int variables_read(variable_table *table, char *bytes, size_t size)
 {
     int32_t head[4];
@@ -22,7 +34,7 @@ int variables_read(variable_table *table, char *bytes, size_t size)
     memcpy(&table->model, bytes + 8 + sizeof head, sizeof table->model);
     size_t count = (size_t)head[1], texts = count + (size_t)head[2], at = 8 + sizeof head + sizeof table->model;
     if (head[0] < 0 || head[1] < head[0] || head[2] < 0 || head[3] < 0 || head[3] >= head[0]) return 0;
-    if ((size - at) / 20 < count) return 0;
+    if ((size - at) / 24 < count) return 0;
     table->reals = head[0];
     table->count = head[1];
     table->strings = head[2];
@@ -30,14 +42,15 @@ int variables_read(variable_table *table, char *bytes, size_t size)
     table->low = (const double *)(const void *)(bytes + at);
     table->high = table->low + count;
     table->settable = (const int32_t *)(const void *)(table->high + count);
+    table->span = table->settable + count;
+    if (!spans_fit(table)) return 0;
     table->name = (const char **)malloc(sizeof *table->name * (texts + 1));
     if (!table->name) return 0;
-    const char *text = (const char *)(table->settable + count), *end = bytes + size;
+    const char *text = (const char *)(table->span + count), *end = bytes + size;
     for (size_t i = 0; i <= texts; i++) {
         if (text >= end) return 0;
         if (i == 0) table->guid = text;
         else table->name[i - 1] = text;
-        table->gaps |= i > 0 && i <= count && !*text;
         text += strlen(text) + 1;
     }
     return text == end;

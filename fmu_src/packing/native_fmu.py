@@ -151,7 +151,8 @@ def compiled_of(names: Iterable[str]) -> tuple[str, ...]:
 def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: bytes) -> bytes:
     """What the runtime must know of the variables, in the layout of native_runtime/variables.c (little-endian).
 
-    packed: model.bin, whose checksum goes along, so that no other one is taken for it.
+    packed: model.bin, whose checksum goes along, so that no other one is taken for it.  The span of a reference says how many
+    values the variable has that starts there; 0: none starts there.
     """
     largest, table = np.finfo(float).max, by_reference(table)
     reals = sum(row.kind == "Real" and row.causality != "local" for row in table)
@@ -159,12 +160,13 @@ def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: 
     low = [-largest if row.min is None else row.min for row in table]
     high = [largest if row.max is None else row.max for row in table]
     settable = [SETTABLE[row.causality if row.causality != "parameter" else row.variability] for row in table]
+    spans = [1 if row.name else 0 for row in table]
     texts = [guid, *(row.name for row in table), *model.string_names]
     body = (
-        b"TSVARS2\0"
+        b"TSVARS3\0"
         + struct.pack("<4iQ", reals, len(table), len(model.string_names), tolerance, fnv1a(packed))
         + np.array([*low, *high], "<f8").tobytes()
-        + np.array(settable, "<i4").tobytes()
+        + np.array([*settable, *spans], "<i4").tobytes()
         + b"".join(text.encode() + b"\0" for text in texts)
     )
     return body + struct.pack("<Q", fnv1a(body))
