@@ -208,6 +208,18 @@ def test_bars_that_drifted_ask_for_an_event_and_get_their_lengths_back(part, ste
     assert not view.completed_step() and view.update_discrete() == 0
 
 
+def test_nominal_rates_are_speeds_of_the_strings():
+    """g sqrt(m / k), between a hundredth of the speed of a fall over the extent and that speed."""
+    model = scene("three_bar")
+    fall = np.sqrt(9.81 * model.bar_length.max())
+    for stiffness, speed in ((5000.0, 9.81 / np.sqrt(5000.0)), (1e9, 0.01 * fall), (1e-3, fall)):
+        one = replace(model, stiffness=np.array([1e-3] * 5 + [stiffness]))
+        nominals = ContinuousView(Kernel(one)).nominals
+        half = len(nominals) // 2 - 1
+        np.testing.assert_allclose(nominals[:half], model.bar_length.max(), rtol=1e-12)
+        np.testing.assert_allclose(nominals[half : 2 * half], speed, rtol=1e-12)
+
+
 def test_a_saved_state_holds_the_pieces():
     model = scene("three_bar_nsh")
     kernel, view = started(model)

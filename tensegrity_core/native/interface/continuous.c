@@ -21,7 +21,9 @@
 #define DRIFT 3e-10           /* that a host's steps may leave behind */
 #define DRIFT_OF_STEP 1e-8    /* of one step: a solver that makes more asks for less, and gets some steps between restarts: */
 #define STEPS 32
-#define BOOKED 2 /* integrals among the states */
+#define BOOKED 2   /* integrals among the states */
+#define AHEAD 0.03 /* s: a rate counts as what it makes of a length in that time */
+#define EARTH 9.81 /* m/s2, for typical values only */
 
 /* Coordinates of q that are none of an actuator's. */
 static int plain_count(const ts_model *m) { return m->nq - m->count[TS_A] * m->count[TS_D]; }
@@ -64,17 +66,30 @@ static double extent(const ts_model *m)
     return most > 0.0 ? most : 1.0;
 }
 
-/* The extent, the speed that a fall over it gives on Earth, and the weight of all masses there times the extent. */
+/* A typical speed of the strings' oscillations: of one about the sag that a body's weight gives the stiffest string (m/s).  No
+ * faster than a fall over the extent, and no slower than a hundredth of it, below which round-off would count. */
+static double typical_speed(const ts_model *m, double mass, double length)
+{
+    double fall = sqrt(EARTH * length), stiffest = 0.0;
+    const double *k = m->packed.start + m->at[TS_STIFFNESS];
+    for (int i = 0; i < m->count[TS_S]; i++) stiffest = fmax(stiffest, k[i]);
+    if (!(stiffest > 0.0)) return fall;
+    return fmin(fall, fmax(0.01 * fall, EARTH * sqrt(mass / (m->count[TS_B] + m->count[TS_P]) / stiffest)));
+}
+
+/* The extent, a speed, and the weight of all masses on Earth times the extent.  Hosts take them for the scale of errors: what an
+ * error of a speed does to a damper when its string goes slack is an impulse, so the speed is that of strings and not of falls. */
 void ts_continuous_nominals(const ts_sim *sim, double *x)
 {
     const ts_model *m = &sim->m;
-    const double g = 9.81, length = extent(m), speed = sqrt(g * length);
+    const double length = extent(m);
     int half = (ts_continuous_count(sim) - BOOKED) / 2;
     double mass = 0.0;
     for (int i = m->at[TS_BAR_MASS]; i < m->at[TS_BAR_MASS] + m->count[TS_B]; i++) mass += m->packed.start[i];
     for (int i = m->at[TS_POINT_MASS]; i < m->at[TS_POINT_MASS] + m->count[TS_P]; i++) mass += m->packed.start[i];
+    const double speed = typical_speed(m, mass, length);
     for (int i = 0; i < 2 * half; i++) x[i] = i < half ? length : speed;
-    for (int i = 0; i < BOOKED; i++) x[2 * half + i] = mass * g * length;
+    for (int i = 0; i < BOOKED; i++) x[2 * half + i] = mass * EARTH * length;
 }
 
 int ts_continuous_states(const ts_sim *sim, double *x)
@@ -182,7 +197,7 @@ int ts_event_indicators(ts_sim *sim, double *z)
     return ts_say(sim, TS_NOT_FINITE, "a string's elongation or tension is not a finite number");
 }
 
-/* Largest deviation of a bar's length, and of its rate in units of the length per second, relative. */
+/* Largest deviation of a bar's length, or of what its rate soon makes of it, relative. */
 static double drift(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
@@ -193,7 +208,7 @@ static double drift(const ts_sim *sim)
         double square = 0.0, along = 0.0, length = m->block.length[b];
         if (!m->block.turns[b]) continue;
         for (int i = b * D; i < (b + 1) * D; i++) square += y[i] * y[i], along += y[i] * y[m->nq + i];
-        most = fmax(most, fmax(0.5 * fabs(square / (length * length) - 1.0), fabs(along) / (length * length)));
+        most = fmax(most, fmax(0.5 * fabs(square / (length * length) - 1.0), AHEAD * fabs(along) / (length * length)));
     }
     return most;
 }

@@ -12,15 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy import read_model_description, simulate_fmu
+from fmpy import extract, read_model_description, simulate_fmu
 
 from fmu_src.build import main
 from fmu_src.builds import BOTH, Options, file_and_report, hosted
 from fmu_src.packing.native_fmu import pack_native_fmu
+from fmu_src.validation import exchange
 from fmu_src.validation.compare import HOSTED_LEDGER_BOUND, compare
+from fmu_src.validation.scenarios import scenarios
 from fmu_src.validation.trials import trials
 from fmu_src.validation.validate import reference_run, run_outside
-from tensegrity_core import reference
+from tensegrity_core import kernel, reference
 from tensegrity_core.errors import InputError
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import builtin_scenes
@@ -108,14 +110,14 @@ def test_fmpys_cvode_reaches_the_reference(name, tmp_path):
     start = {
         f"{model.node_names[node]}.force.{'xyz'[axis]}": force[node, axis] for node in model.free_nodes for axis in model.axes
     }
-    times = grid(0.5, 0.05)
+    times = grid(0.5, 0.025)  # fmpy's solver takes 500 steps between outputs at most
     found = simulate_fmu(
         str(fmu),
         fmi_type="ModelExchange",
         solver="CVode",
         relative_tolerance=1e-10,
         stop_time=0.5,
-        output_interval=0.05,
+        output_interval=0.025,
         record_events=False,
         start_values=start,
     )
@@ -139,6 +141,34 @@ def test_a_host_that_gives_inputs_at_every_evaluation_reaches_all_outputs_of_the
     assert judged.transitions[0] == judged.transitions[1] > 20
     lengths = np.linalg.norm(outputs["position"][:, model.bars[:, 1]] - outputs["position"][:, model.bars[:, 0]], axis=2)
     assert np.abs(lengths / model.bar_length - 1.0).max() < 1e-9
+
+
+def test_impulses_of_dampers_at_slack_strings_stay_within_the_promise(tmp_path):
+    """All strings of two_bar_nsh go slack under moving rest lengths: errors of the speeds there are what grows most."""
+    model = scene("two_bar_nsh")
+    moving = next(run for run in scenarios(model, 2.6) if run.name == "rest_lengths_1d")
+    fmu = pack_native_fmu(model, tmp_path / "exchange.fmu", kind="me")
+    ((outputs, events, _),) = run_outside(fmu, model, runs=[moving], kind="me")
+    right = kernel.simulate(model, moving.inputs, tolerance=1e-12)
+    assert np.abs(outputs["position"] - right.position).max() < 1e-7
+    assert [(t.string, t.after) for t in events] == [(t.string, t.after) for t in right.transitions]
+
+
+def test_a_structure_at_rest_takes_cvode_few_evaluations(tmp_path):
+    """By the differences that CVODE itself takes they were 250 000 a second; and no event interrupts it."""
+    model = scene("six_bar_nsh")
+    fmu, folder = pack_native_fmu(model, tmp_path / "exchange.fmu", kind="me"), tmp_path / "extracted"
+    one = exchange.Instance(read_model_description(str(fmu)), extract(str(fmu), str(folder)))
+    inputs = exchange.Inputs(one, [], np.array([0.0, 1.0]), np.zeros((1, 0)))
+    one.start()
+    exchange.event(one.fmu, inputs, 0.0)
+    before = one.fmu.getReal([one.by_name["n10.z"].valueReference])
+    solver = exchange.cvode(one, inputs, 0.0)
+    assert solver.step(0.0, 1.0)[::2] == (False, 1.0)
+    assert not one.fmu.completedIntegratorStep()[0]
+    assert solver.evaluations < 300
+    assert abs(one.fmu.getReal([one.by_name["n10.z"].valueReference])[0] - before[0]) < 1e-10
+    one.close()
 
 
 # How they are built
