@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Callable
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_void_p
 from functools import lru_cache
 from pathlib import Path
@@ -51,6 +52,11 @@ class Piece(NamedTuple):
     slack: bool
 
 
+#: What the C library calls where a watched step has come to: context, simulation, moment -> an answer.
+_WATCHER = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_int)
+_AT_TRANSITION = 2
+_GO_ON, _END_HERE, _GIVE_UP = range(3)
+
 _PROTOTYPES = {
     "ts_create": (c_void_p, c_char_p, c_size_t, c_char_p, c_size_t),
     "ts_free": (None, c_void_p),
@@ -68,6 +74,8 @@ _PROTOTYPES = {
     "ts_initialize": (c_int, c_void_p, c_double),
     "ts_reset": (c_int, c_void_p),
     "ts_step": (c_int, c_void_p, c_double),
+    "ts_step_watched": (c_int, c_void_p, c_double, _WATCHER, c_void_p, POINTER(c_double)),
+    "ts_look": (c_int, c_void_p),
     "ts_transition_count": (c_int64, c_void_p),
     "ts_transition_stored": (c_int32, c_void_p),
     "ts_transitions": (POINTER(_Transition), c_void_p),
@@ -259,10 +267,38 @@ class Kernel:
         if status:
             self._require(status)
 
+    def watched_step(self, h: float, watcher: Callable[[bool], object]) -> float:
+        """A `step` that may end early; returns how far it went, s.
+
+        watcher: called with False where an internal step ended before the call's end, with True where there were transitions,
+        after them; where it returns something true, the step ends there.  It may look: `time`, `transitions`, `look`,
+        `output_rates`; inputs and parameters must stay, and all else is refused.  Inputs that move do so anew from the start of
+        the step that follows.  Where it raises, the step is undone.
+        """
+        raised: list[BaseException] = []
+
+        def told(context, sim, moment):
+            try:
+                return _END_HERE if watcher(moment == _AT_TRANSITION) else _GO_ON
+            except BaseException as error:
+                raised.append(error)
+                return _GIVE_UP
+
+        done = c_double()
+        status = self._library.ts_step_watched(self._sim, number("h", h), _WATCHER(told), None, byref(done))
+        if raised:
+            raise raised[0]
+        self._require(status)
+        return done.value
+
+    def look(self) -> None:
+        """Within a watcher: fill the outputs of the moment."""
+        self._require(self._library.ts_look(self._sim))
+
     def save(self) -> bytes:
         """The complete state."""
         buffer = ctypes.create_string_buffer(self.state_size)
-        self._library.ts_save(self._sim, buffer, self.state_size)
+        self._require(self._library.ts_save(self._sim, buffer, self.state_size))
         return buffer.raw
 
     def restore(self, state: bytes) -> None:

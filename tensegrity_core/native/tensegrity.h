@@ -81,6 +81,18 @@ TS_API int ts_initialize(ts_sim *sim, double time);
 /* Advance by h > 0 (s) under the present inputs and tunable parameters, and fill the outputs. */
 TS_API int ts_step(ts_sim *sim, double h);
 
+/* The same, watched: the watcher is called where an internal step has ended before the call's end, and where transitions have been
+ * carried out there.  There ts_time() is the time reached, ts_transitions() are those so far, ts_look() brings the outputs into
+ * the block, and ts_output_derivatives() differentiates them; every other call that changes the simulation is refused, and
+ * inputs and parameters must stay.  TS_END_HERE makes what has been reached the end of the step; *done: how far it went (s), h or
+ * less.  Inputs that move do so from the start of the step that follows, like those of any step.  TS_GIVE_UP: the call fails.
+ * Transitions of inputs that jump at the step's start are none of the watcher's. */
+typedef enum { TS_AT_STEP = 1, TS_AT_TRANSITION = 2 } ts_moment;
+enum { TS_GO_ON = 0, TS_END_HERE = 1, TS_GIVE_UP = 2 };
+typedef int (*ts_watcher)(void *context, ts_sim *sim, ts_moment moment);
+TS_API int ts_step_watched(ts_sim *sim, double h, ts_watcher watcher, void *context, double *done);
+TS_API int ts_look(ts_sim *sim);
+
 /* First derivatives by time of all real outputs at the end of the last step, on the present branches of all strings, in the
  * order of the block of doubles.  TS_BAD_STEP before ts_initialize(). */
 TS_API int32_t ts_output_first(const ts_sim *sim); /* where the outputs begin in the block */

@@ -1,6 +1,8 @@
 /* For tests and analysis: derivatives, Jacobian, force laws. */
 #include "interface/applied.h"
+#include "interface/checks.h"
 #include "interface/message.h"
+#include "interface/watched.h"
 #include "laws/curve.h"
 #include "linear/pairs.h"
 #include "model/data.h"
@@ -15,15 +17,15 @@
 
 int ts_output_derivatives(ts_sim *sim, double *out)
 {
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (sim->call.watching) return ts_look_derivatives(sim, out);
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     ts_memory memory = sim->memory;
     ts_swap_applied(sim);
     ts_derive(sim);
     ts_tangent_outputs(sim, sim->memory.last_step, out);
     ts_swap_back(sim);
     sim->memory = memory; /* looking changes nothing, not even the count of right-hand sides */
-    if (ts_all_finite(out, sim->m.n_real - sim->m.n_applied)) return TS_OK;
-    return ts_say(sim, TS_NOT_FINITE, "a derivative of an output is not a finite number");
+    return ts_check_rates(sim, out);
 }
 
 void ts_locate(ts_sim *sim, int on) { sim->call.unlocated = !on; }

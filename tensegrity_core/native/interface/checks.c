@@ -130,3 +130,9 @@ int ts_check_outputs(ts_sim *sim, const char *when)
              "a force, a velocity or an energy %s is not a finite number; lower the loads", when);
     return TS_NOT_FINITE;
 }
+
+int ts_check_rates(ts_sim *sim, const double *out)
+{
+    if (ts_all_finite(out, sim->m.n_real - sim->m.n_applied)) return TS_OK;
+    return ts_say(sim, TS_NOT_FINITE, "a derivative of an output is not a finite number");
+}

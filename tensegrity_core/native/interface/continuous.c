@@ -101,7 +101,7 @@ int ts_continuous_states(const ts_sim *sim, double *x)
 
 int ts_set_continuous_states(ts_sim *sim, const double *x)
 {
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     if (!ts_all_finite(x, ts_continuous_count(sim))) return ts_say(sim, TS_BAD_INPUT, "a state is not a finite number");
     put(&sim->m, x, sim->state.y);
     return TS_OK;
@@ -109,7 +109,7 @@ int ts_set_continuous_states(ts_sim *sim, const double *x)
 
 int ts_set_time(ts_sim *sim, double time)
 {
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     if (!isfinite(time)) return ts_say(sim, TS_BAD_STEP, "the time is not a finite number");
     sim->memory.time = time;
     sim->memory.time_low = sim->memory.last_step = 0.0;
@@ -131,7 +131,7 @@ static void take_inputs(ts_sim *sim)
 static int evaluate(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     take_inputs(sim);
     ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
     if (ts_wound_up(sim)) return ts_say(sim, TS_WOUND_UP, "an actuator has wound its string up completely");
@@ -165,7 +165,7 @@ int ts_continuous_derivatives(ts_sim *sim, double *dx)
 /* As ts_output_derivatives() looks at the end of a step: under the inputs that it had. */
 int ts_step_derivatives(ts_sim *sim, double *dx)
 {
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     ts_memory memory = sim->memory;
     ts_swap_applied(sim);
     ts_derive(sim);
@@ -190,7 +190,7 @@ int32_t ts_indicator_count(const ts_sim *sim) { return sim->m.count[TS_S] * (sim
 
 int ts_event_indicators(ts_sim *sim, double *z)
 {
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     take_inputs(sim);
     ts_margins(sim, guard(&sim->m), z);
     if (ts_all_finite(z, ts_indicator_count(sim))) return TS_OK;
@@ -215,7 +215,7 @@ static double drift(const ts_sim *sim)
 
 int ts_completed_step(ts_sim *sim)
 {
-    if (!sim->memory.started) return 0;
+    if (ts_ready(sim) != TS_OK) return 0;
     if (sim->memory.completed < STEPS) sim->memory.completed++;
     double found = drift(sim);
     return found > DRIFT && (found <= DRIFT_OF_STEP * sim->memory.completed || sim->memory.completed == STEPS);
@@ -223,7 +223,7 @@ int ts_completed_step(ts_sim *sim)
 
 int ts_enter_event(ts_sim *sim)
 {
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     memcpy(sim->io.applied, sim->io.values, sizeof(double) * (size_t)sim->m.n_applied);
     sim->told.count = 0;
     return TS_OK;
@@ -276,7 +276,7 @@ int ts_update_discrete(ts_sim *sim, int32_t *changed)
     double *y = sim->undo.reals + m->n_real + m->n_applied + 2 * m->n_inputs;
     int32_t *piece = sim->undo.integers + m->n_int, *clipped = piece + S;
     *changed = 0;
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     memcpy(y, sim->state.y, ny);
     memcpy(piece, sim->state.piece, S * sizeof *piece);
     memcpy(clipped, sim->state.clipped, S * sizeof *clipped);

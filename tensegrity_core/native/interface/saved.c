@@ -58,6 +58,7 @@ size_t ts_state_size(const ts_sim *sim)
 int ts_save(const ts_sim *sim, void *bytes, size_t size)
 {
     state_header header = {STATE_MAGIC, sim->m.packed.hash};
+    if (ts_free_of_steps((ts_sim *)sim) != TS_OK) return TS_BAD_STEP;
     if (size != ts_state_size(sim)) return TS_BAD_STATE;
     memcpy(bytes, &header, sizeof header);
     size_t parts = copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT), ahead = sizeof(double) * sim->ahead.size;
@@ -113,6 +114,7 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
 {
     state_header header = {0, 0};
     uint64_t hash = 0;
+    if (ts_free_of_steps(sim) != TS_OK) return TS_BAD_STEP;
     if (size == ts_state_size(sim)) {
         memcpy(&header, bytes, sizeof header);
         memcpy(&hash, (const char *)bytes + size - sizeof hash, sizeof hash);

@@ -12,6 +12,7 @@
 #include "steps/auto.h"
 #include "steps/events.h"
 #include "steps/integrate.h"
+#include "steps/watch.h"
 #include "tensegrity.h"
 
 #include <math.h>
@@ -43,6 +44,7 @@ int ts_reset(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     int32_t index;
+    if (ts_free_of_steps(sim) != TS_OK) return TS_BAD_STEP;
     memset(sim->io.values, 0, sizeof(double) * (size_t)m->n_real);
     memset(sim->io.integers, 0, sizeof(int32_t) * (size_t)m->n_int);
     memset(&sim->memory, 0, sizeof sim->memory);
@@ -72,7 +74,7 @@ double *ts_slopes(ts_sim *sim) { return sim->io.slopes; }
 int32_t ts_input_count(const ts_sim *sim) { return sim->m.n_inputs; }
 int32_t ts_output_first(const ts_sim *sim) { return sim->m.n_applied; }
 int32_t *ts_integers(ts_sim *sim) { return sim->io.integers; }
-double ts_time(const ts_sim *sim) { return sim->memory.time + sim->memory.time_low; }
+double ts_time(const ts_sim *sim) { return ts_time_at(&sim->memory, sim->call.watching ? sim->call.reached : 0.0); }
 size_t ts_memory_size(const ts_sim *sim) { return sizeof *sim + sim->owned.bytes; }
 int64_t ts_transition_count(const ts_sim *sim) { return sim->told.count; }
 int32_t ts_transition_stored(const ts_sim *sim)
@@ -110,6 +112,7 @@ int ts_initialize(ts_sim *sim, double time)
 {
     const ts_model *m = &sim->m;
     int32_t index;
+    if (ts_free_of_steps(sim) != TS_OK) return TS_BAD_STEP;
     int status = ts_check(sim, &index);
     if (status != TS_OK) return status;
     if (!isfinite(time)) return ts_say(sim, TS_BAD_STEP, "the start time is not a finite number");
@@ -259,13 +262,15 @@ int ts_step(ts_sim *sim, double h)
     size_t bytes = sizeof(double) * (size_t)sim->m.n_applied;
     ts_memory memory;
     int status = TS_OK;
-    if (!sim->memory.started || !(h > 0.0) || !isfinite(h))
-        return ts_say(sim, TS_BAD_STEP, sim->memory.started ? "the step must be positive and finite" : "initialize first");
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    if (!(h > 0.0) || !isfinite(h)) return ts_say(sim, TS_BAD_STEP, "the step must be positive and finite");
     int sloped = ts_sloped(&sim->m, &sim->io);
     int changed = sloped || sim->memory.sloped || memcmp(sim->io.values, sim->io.applied, bytes) || inputs_move(sim) ||
                   sim->io.integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
     if (!changed && ts_span_serves(&sim->memory.span, h)) return step_within(sim, h);
     backup(sim, &memory);
+    sim->call.reached = 0.0;
+    sim->call.looked = sim->call.answer = TS_GO_ON;
     ts_prepare(sim);
     if (changed) status = ts_check_change(sim, h);
     if (status == TS_OK) {
@@ -274,12 +279,14 @@ int ts_step(ts_sim *sim, double h)
         else ts_set_pieces(sim);
         status = ts_integrate(sim, h, !changed);
     }
+    if (sim->call.answer == TS_END_HERE) h = sim->call.reached;
+    if (sim->call.answer == TS_GIVE_UP) status = ts_say(sim, TS_BAD_STEP, "the step's watcher gave it up");
     if (status == TS_OK) status = wound_up(sim);
     int told = status == TS_OK;
     if (told) status = settle(sim, h, sloped);
     if (status != TS_OK) {
         undo(sim, &memory);
-        if (told) recall_outputs(sim);
+        if (told || sim->call.looked) recall_outputs(sim);
         return status;
     }
     apply(&sim->m, &sim->io);

@@ -188,6 +188,13 @@ typedef struct {
     int32_t may_run_ahead; /* inputs stay */
     int32_t force_jumps;   /* the last transition made a force jump */
     int32_t unlocated;     /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
+    ts_watcher watcher;    /* NULL: nobody watches */
+    void *context;         /* of the watcher */
+    double reached;        /* s after the call's start, at the last moment that the watcher was told of */
+    int64_t seen;          /* transitions that there were then */
+    int32_t watching;      /* the watcher has been called and has not returned */
+    int32_t looked;        /* the outputs are those of such a moment */
+    int32_t answer;        /* the watcher's last */
 } ts_call;
 
 /* What is told of the last call: steps/events.c, interface/message.c. */
@@ -202,6 +209,7 @@ typedef struct {
 typedef struct {
     double *reals;     /* (n_real + n_applied + 2 n_inputs + ny) */
     int32_t *integers; /* (n_int + 2 S) */
+    double *watched;   /* (n_real + 2 n_inputs) values and slopes of a watched step */
 } ts_undo;
 
 /* Allocations: ts_model_read(). */

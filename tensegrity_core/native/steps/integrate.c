@@ -10,6 +10,7 @@
 #include "motion/outputs.h"
 #include "steps/auto.h"
 #include "steps/events.h"
+#include "steps/watch.h"
 
 #include <float.h>
 #include <math.h>
@@ -340,6 +341,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     int fixed = (methods[memory->active]->flags & TS_FIXED_STEP) != 0;
     look_ahead(methods[memory->active], &p);
     sim->call.length = end;
+    sim->call.seen = sim->told.count;
     sim->call.may_run_ahead = may_run_ahead;
     budget b = {work_done(sim), PORTION, 0.0};
     if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end))
@@ -350,6 +352,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     if (!ts_all_finite(sim->start.f, 2 * sim->m.nq))
         return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
     while (tau < end) {
+        if (sim->call.watcher && ts_ends_here(sim, tau)) return TS_OK;
         int last, stiff = memory->stiff;
         double err_last = memory->err_last;
         if (!affordable(sim, &b, tau, end)) return fail(sim, TS_WORK_LIMIT);
