@@ -32,7 +32,7 @@ from .validation.report import write_report
 from .validation.scenarios import Scenario, scenarios
 from .validation.trials import trials
 from .validation.validate import CACHE, Validation, finish, repeated, run_outside, submit, workers
-from .variables.model_description import KINDS
+from .variables.described import KINDS
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ HERE = Path(__file__).parent.parent
 #: Where importers such as fmpy look for the library on ARM: they go by the operating system's name alone, as in FMI 2.0.
 ON_ARM = {"aarch64-linux": "linux64", "aarch64-darwin": "darwin64"}
 
+#: What FMI 3.0 calls the platforms, where that differs from FMI 2.0.
+TUPLES = {"linux64": "x86_64-linux", "win64": "x86_64-windows", "darwin64": "x86_64-darwin"}
+
 
 class PackError(TensegrityError):
     """An FMU that cannot be packed here."""
@@ -97,3 +100,8 @@ def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None, 
 def on_arm(libraries: dict[str, Path]) -> dict[str, Path]:
     """The libraries by platform, those for ARM also where importers look for them."""
     return libraries | {ON_ARM[arm]: libraries[arm] for arm in ON_ARM if arm in libraries and ON_ARM[arm] not in libraries}
+
+
+def tuples(libraries: dict[str, Path]) -> dict[str, Path]:
+    """The libraries by what FMI 3.0 calls their platforms."""
+    return {TUPLES.get(name, name): path for name, path in libraries.items()}

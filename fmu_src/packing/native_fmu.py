@@ -16,17 +16,19 @@ from pathlib import Path
 import numpy as np
 
 import tensegrity_core
-from tensegrity_core.fields import METHODS
+from tensegrity_core.fields import METHODS, layout
 from tensegrity_core.kernel import Kernel, fnv1a, to_bytes
 from tensegrity_core.kernel.continuous import ContinuousView
 from tensegrity_core.model import Model
 from tensegrity_core.native import build
 
 from ..variables import terminals
+from ..variables.arrays import element_names, spans, time_variable
+from ..variables.build_description import build_description
+from ..variables.described import Runtime, plain
 from ..variables.interface import Variable, by_reference, variables
-from ..variables.model_description import Runtime, build_description, plain
-from ..variables.states import exchange_variables
-from .libraries import PackError, cross_compiled, here, host_library, on_arm
+from ..variables.states import event_indicators, exchange_variables, without_solver
+from .libraries import PackError, cross_compiled, here, host_library, on_arm, tuples
 from .pack import complete, write_zip
 
 #: Stands above the kernel's public header in sources/, because importers pass no definitions for FMI 2.0.
@@ -68,14 +70,16 @@ SETTABLE = {"input": 7, "tunable": 7, "fixed": 3, "output": 0, "local": 0}
 class Contents:
     """What may differ between native FMUs of a model.  naming: 'structured' or 'flat'; platforms: keys of build.TARGETS,
     compiled by ziglang, beside the one that runs this (if that is named, it is compiled anew, for old systems too); sources:
-    pack them; simple: without types that some tools do not know, see model_description.plain; kind: one of KINDS there;
-    page: see pack.complete."""
+    pack them; binaries: False: nothing but sources; simple: without types that some tools do not know, see described.plain;
+    kind: one of KINDS there; standard: of FMI, one of STANDARDS there; page: see pack.complete."""
 
     naming: str = "structured"
     platforms: tuple[str, ...] = ()
     sources: bool = False
     simple: bool = False
     kind: str = "cs"
+    standard: str = "2.0"
+    binaries: bool = True
     page: bytes | None = None
 
 
@@ -85,20 +89,25 @@ def pack_native_fmu(model: Model, destination: Path, naming: str = "structured",
     destination: the .fmu file; naming and contents: see Contents.  Raises PackError.
     """
     chosen = Contents(naming, **contents)
-    libraries = {here(): host_library()}
-    libraries |= {name: cross_compiled(name) for name in chosen.platforms}
-    write_zip(destination, native_fmu_files(model, chosen, on_arm(libraries)))
+    libraries = {}
+    if chosen.binaries:
+        libraries = {here(): host_library()} | {name: cross_compiled(name) for name in chosen.platforms}
+    write_zip(destination, native_fmu_files(model, chosen, libraries))
     return destination
 
 
 def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:
-    """Everything in the FMU: path inside the archive -> content.  libraries: platform -> file.  Raises PackError."""
-    table = (variables if contents.kind == "cs" else exchange_variables)(model, contents.naming)
+    """Everything in the FMU: path inside the archive -> content.  libraries: platform, a key of build.TARGETS -> file.  Raises
+    PackError."""
+    table = variables(model, contents.naming) if contents.kind == "cs" else exchange_variables(model, contents.naming)
+    if contents.kind == "me":
+        table = without_solver(table)
     packed = to_bytes(model)
-    files = {"resources/model.bin": packed, "resources/variables.bin": variables_bin(model, table, "", packed)}
-    if (joined := terminals.terminals(model, table)) is not None:
+    arrays = contents.standard == "3.0"
+    files = {"resources/model.bin": packed, "resources/variables.bin": variables_bin(model, table, "", packed, arrays)}
+    if (joined := terminals.terminals(model, table, arrays)) is not None:
         files[terminals.PATH] = joined
-    for name, library in libraries.items():
+    for name, library in (tuples(libraries) if arrays else on_arm(libraries)).items():
         files[f"binaries/{name}/{model.name}{library.suffix}"] = library.read_bytes()
     sources = source_files(model.name) if contents.sources else {}
     files |= {f"sources/{name}": content for name, content in sources.items()}
@@ -108,10 +117,21 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         sources=compiled_of(sources),
         kind=contents.kind,
         indicators=ContinuousView(Kernel(model)).indicators,
+        standard=contents.standard,
     )
-    guid = complete(files, model, plain(table) if contents.simple else table, runtime, contents.naming, contents.page)
-    files["resources/variables.bin"] = variables_bin(model, table, guid, packed)
+    described = plain(table) if contents.simple else table
+    if arrays:
+        described += added_variables(model, table, contents)
+    guid = complete(files, model, described, runtime, contents.naming, contents.page)
+    files["resources/variables.bin"] = variables_bin(model, table, guid, packed, arrays)
     return files
+
+
+def added_variables(model: Model, table: tuple[Variable, ...], contents: Contents) -> tuple[Variable, ...]:
+    """What FMI 3.0 has variables for beside the table's: the time, then the event indicators of model exchange."""
+    count = len(by_reference(table))
+    more = () if contents.kind == "cs" else event_indicators(model, table, count + 1, contents.naming)
+    return time_variable(count), *more
 
 
 def source_files(identifier: str) -> dict[str, bytes]:
@@ -148,25 +168,26 @@ def compiled_of(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(name for name in names if name.endswith(".c")))
 
 
-def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: bytes) -> bytes:
+def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: bytes, arrays: bool = False) -> bytes:
     """What the runtime must know of the variables, in the layout of native_runtime/variables.c (little-endian).
 
-    packed: model.bin, whose checksum goes along, so that no other one is taken for it.  The span of a reference says how many
-    values the variable has that starts there; 0: none starts there.
+    packed: model.bin, whose checksum goes along, so that no other one is taken for it; arrays: those of FMI 3.0.  The span of a
+    reference says how many values the variable has that starts there; 0: none starts there.
     """
+    names = element_names(table) if arrays else {row.reference: row.name for row in table}
+    starting = spans(table) if arrays else dict.fromkeys(names, 1)
     largest, table = np.finfo(float).max, by_reference(table)
-    reals = sum(row.kind == "Real" and row.causality != "local" for row in table)
-    tolerance = next(row.reference for row in table if row.field == "tolerance")
+    places = layout(model.counts)
+    reals, tolerance = max(place.stop for place in places.values()), places["tolerance"].start
     low = [-largest if row.min is None else row.min for row in table]
     high = [largest if row.max is None else row.max for row in table]
     settable = [SETTABLE[row.causality if row.causality != "parameter" else row.variability] for row in table]
-    spans = [1 if row.name else 0 for row in table]
-    texts = [guid, *(row.name for row in table), *model.string_names]
+    texts = [guid, *(names.get(row.reference, "") for row in table), *model.string_names]
     body = (
         b"TSVARS3\0"
         + struct.pack("<4iQ", reals, len(table), len(model.string_names), tolerance, fnv1a(packed))
         + np.array([*low, *high], "<f8").tobytes()
-        + np.array([*settable, *spans], "<i4").tobytes()
+        + np.array([*settable, *(starting.get(row.reference, 0) for row in table)], "<i4").tobytes()
         + b"".join(text.encode() + b"\0" for text in texts)
     )
     return body + struct.pack("<Q", fnv1a(body))

@@ -17,15 +17,16 @@ import pythonfmu
 
 import tensegrity_core
 from tensegrity_core.files import replacing
-from tensegrity_core.kernel import LIBRARY, fnv1a, to_bytes
+from tensegrity_core.kernel import LIBRARY, Kernel, fnv1a, to_bytes
 from tensegrity_core.model import Model
 from tensegrity_core.native import build
 
 from ..places import DISTRIBUTION, clone
+from ..variables import fmi3_description, model_description
+from ..variables.described import Experiment, Runtime, content_guid, plain
 from ..variables.documentation import LIVE, index_html
-from ..variables.drawing import model_png
+from ..variables.drawing import ICON, model_png
 from ..variables.interface import Variable, by_reference, variables
-from ..variables.model_description import Experiment, Runtime, content_guid, model_description, plain
 from .closure import import_closure
 from .libraries import PackError, cross_compiled, here, host_library, on_arm
 
@@ -53,7 +54,7 @@ def pack_python_fmu(
     """Write the Python FMU of a model; returns its path.
 
     destination: the .fmu file; naming: of the variables, 'structured' or 'flat'; library: the kernel's C library for this
-    platform, by default the one that this Python uses; simple: see model_description.plain; platforms: keys of
+    platform, by default the one that this Python uses; simple: see described.plain; platforms: keys of
     build.TARGETS, compiled by ziglang, beside the one that runs this; page: see complete.  Raises PackError.
     """
     native, kernels = {here(): host_library("python")}, {here(): library or CORE / "native" / LIBRARY}
@@ -108,16 +109,17 @@ def complete(
 ) -> str:
     """Add what every FMU has: description, icon, documentation, licence.  page: the model's live page, which goes into the
     documentation; None: it has none.  Returns the GUID, a hash of `files` as they were and of the description."""
-    tolerance = next(row.start for row in table if row.field == "tolerance")
-    version = tensegrity_core.__version__
+    tolerance = float(Kernel(model)["tolerance"][0])
+    version, fmi3 = tensegrity_core.__version__, runtime.standard == "3.0"
 
     def description(guid: str) -> bytes:
         experiment = Experiment(tolerance=tolerance)
-        return model_description(model, table, runtime, model.name, guid, version, naming, experiment)
+        module = fmi3_description if fmi3 else model_description
+        return module.model_description(model, table, runtime, model.name, guid, version, naming, experiment)
 
     guid = content_guid(description(""), files)
     files["modelDescription.xml"] = description(guid)
-    files["model.png"] = model_png(model)
+    files[ICON if fmi3 else "model.png"] = model_png(model)
     files["documentation/index.html"] = index_html(model, table, version, runtime, page is not None)
     if page is not None:
         files[f"documentation/{LIVE}"] = page

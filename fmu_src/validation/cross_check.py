@@ -22,8 +22,8 @@ from tensegrity_core.progress import Told
 
 from ..packing.libraries import here
 from ..packing.native_fmu import pack_native_fmu
+from ..variables.described import plain
 from ..variables.interface import Variable, variables
-from ..variables.model_description import plain
 from .reference_cache import cached, reference_key
 from .scenarios import Scenario, scenarios
 from .validate import SETTINGS, input_values

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import string_law
 from tensegrity_core.model import Model
-from tensegrity_core.model.components import components, flat
+from tensegrity_core.model.components import AXES, components, flat
 
 from .dependencies import initial_dependencies
 
@@ -24,6 +25,15 @@ METASTABLE = (math.nextafter(2.0, 8.0), math.nextafter(8.0, 2.0))
 
 #: Fields that are the time derivative of another of the same component.
 RATES = {field.name: field.rate_of for field in FIELDS if field.rate_of}
+
+#: Names of arrays that do not follow from their elements' names, see `_array`: n4.x is an element of n4.position, and of a
+#: moved node n1.position.x is one of n1.motion.position, because n1.position is an output like any other node's.
+ARRAYS = {
+    "position": "{N}.position",
+    "node_position": "{E}.motion.position",
+    "node_velocity": "{E}.motion.velocity",
+    "node_acceleration": "{E}.motion.acceleration",
+}
 
 #: Causality, variability and initial of FMI by the role of a field.
 ROLES = {
@@ -34,12 +44,20 @@ ROLES = {
 }
 
 
+class Array(NamedTuple):
+    """What a variable is an element of in FMI 3.0: a vector, or a parameter of all beams of an NSH."""
+
+    name: str
+    description: str
+
+
 @dataclass(frozen=True)
 class Variable:
-    """One row.  Attributes are those of FMI; `field` names the row of `fields.FIELDS`; `known` are the value references
-    on which an output depends in Initialization Mode; `derivative_of` is the reference of the variable whose time derivative
-    it is; `depends`, in model exchange, those of states and inputs on which an output or a derivative depends; a bound that
-    does not exist is None.
+    """One row.  Attributes are those of FMI; `field` names the row of `fields.FIELDS`; `known` are the value references on
+    which an output, a state or a derivative depends in Initialization Mode; `derivative_of` is the reference of the variable
+    whose time derivative it is; `depends`, in model exchange, those of states and inputs on which an output or a derivative
+    depends, `constant`: with constant factors; `array`: what it is an element of in FMI 3.0, None: a variable of its own; a
+    bound that does not exist is None.
     """
 
     name: str
@@ -58,6 +76,8 @@ class Variable:
     known: tuple[int, ...]
     derivative_of: int | None = None
     depends: frozenset[int] | None = None
+    array: Array | None = None
+    constant: bool = False
 
 
 def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
@@ -78,6 +98,8 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
                 name, role = (field.variable, field.role) if shown is None else shown.get(field.name, ("", ""))
                 if name and (shown is not None or not _hidden(field, component, model)):
                     rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
+                    if shown is None:
+                        rows[-1] = replace(rows[-1], array=_array(field, component, model, naming))
                     places[field.name, *map(str, component.values())] = rows[-1]
                 reference += 1
     require_unique(rows)
@@ -138,6 +160,17 @@ def _variable(field, name, role, component, reference, start, model, known, nami
     )
 
 
+def _array(field: Field, component: dict, model: Model, naming: str) -> Array | None:
+    """What this component's value is an element of."""
+    if not ("D" in component or "beam" in component or component.get("V")):
+        return None
+    pattern = field.variable.replace(".{D}", "").replace("[{beam}]", "").replace("{V}", "")
+    name = ARRAYS.get(field.name, pattern).format(**component)
+    along = ", one for each beam" if "beam" in component else f"; {', '.join(AXES[i] for i in model.axes)}"
+    whole = {letter: one for letter, one in component.items() if letter not in ("D", "beam")}
+    return Array(flat(name) if naming == "flat" else name, _description(field, whole) + along)
+
+
 def by_reference(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
     """A row for every value reference from 0 on, for the runtimes: where there is no variable, one without name that nobody
     can set."""
@@ -192,7 +225,8 @@ _KINDS = {"N": "node", "F": "node", "G": "node", "B": "bar", "S": "string", "H":
 _KINDS |= {"P": "node", "R": "node", "E": "node", "A": "string"}
 
 
-def require_unique(rows: list[Variable]) -> None:
+def require_unique(rows) -> None:
+    """rows: have name and reference.  Raises ValueError where two have the same name."""
     seen: dict[str, int] = {}
     for row in rows:
         if row.name in seen:

@@ -1,42 +1,16 @@
-"""Renders modelDescription.xml (FMI 2.0) from the variable table; both runtimes use it."""
+"""Renders modelDescription.xml of FMI 2.0 from the variable table; both runtimes use it."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from xml.etree import ElementTree as XML
 
 from tensegrity_core.fields import METHOD_MEANINGS
 from tensegrity_core.model import Model
 
+from .described import LOG_CATEGORIES, Experiment, Runtime, add_experiment, add_files, add_units, text
 from .interface import Variable
 from .units import UNITS
-
-#: Log categories of every FMU and what they carry.
-LOG_CATEGORIES = {
-    "logStatusWarning": "things that the host should know and that change nothing",
-    "logStatusDiscard": "values and calls that were refused, and steps that could not be completed",
-    "logStatusError": "calls that must not be made, and faults inside the FMU",
-    "logEvents": "transitions: a string became slack or taut, or reached another piece of its force curve",
-    "logSolver": "what the integrator did, at fmi2Terminate",
-}
-
-
-@dataclass(frozen=True)
-class Runtime:
-    """What differs between the runtimes.  name: 'python' or 'native'; tool: what made the FMU; sources: files to compile, in
-    sources/; kind: one of KINDS; indicators: event indicators, of model exchange."""
-
-    name: str
-    tool: str
-    sources: tuple[str, ...] = ()
-    kind: str = "cs"
-    indicators: int = 0
-
-
-#: Kinds of FMUs: co-simulation, model exchange, both in one.
-KINDS = ("cs", "me", "both")
 
 #: What every FMU for model exchange can do.
 EXCHANGE_CAPABILITIES = {
@@ -59,16 +33,6 @@ CAPABILITIES = {
     "canGetAndSetFMUstate": True,
     "canSerializeFMUstate": True,
 }
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """The default experiment; s, and the relative tolerance."""
-
-    start: float = 0.0
-    stop: float = 5.0
-    step: float = 0.01
-    tolerance: float | None = None
 
 
 def model_description(
@@ -97,68 +61,21 @@ def model_description(
         _add_kind(root, "ModelExchange", identifier, EXCHANGE_CAPABILITIES, runtime.sources)
     if runtime.kind != "me":
         _add_kind(root, "CoSimulation", identifier, CAPABILITIES, runtime.sources)
-    _add_units(root, {row.unit for row in table if row.unit})
+    add_units(root, {row.unit for row in table if row.unit})
     if any(row.kind == "Enumeration" for row in table):
         _add_method_type(root)
     categories = XML.SubElement(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         XML.SubElement(categories, "Category", name=name, description=meaning)
-    _add_experiment(root, experiment)
+    add_experiment(root, experiment)
     scalars = XML.SubElement(root, "ModelVariables")
     index = indices(table)
+    states = {row.derivative_of for row in table if row.causality == "local"}
     for row in table:
-        _add_variable(scalars, row, index)
+        _add_variable(scalars, row, index, reinit=row.reference in states)
     _add_structure(root, table)
     XML.indent(root)
     return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
-
-
-#: What buildDescription.xml says about compilers.
-COMPILERS = (
-    "ISO C99, and C++11 at the same time, for any compiler. GCC and Clang use their vectors unless TS_PLAIN_C is defined; "
-    "the results are the same to the last bit where products are not fused with sums (GCC: -std=c99 or -ffp-contract=off). "
-    "To link several such FMUs into one program, define FMI2_FUNCTION_PREFIX for each."
-)
-
-
-def build_description(identifier: str, sources: tuple[str, ...]) -> bytes:
-    """sources/buildDescription.xml: how to compile the FMU from its sources, for tools that know this format of FMI 3.0."""
-    root = XML.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = XML.SubElement(root, "BuildConfiguration", modelIdentifier=identifier, description=COMPILERS)
-    _add_files(XML.SubElement(configuration, "SourceFileSet", language="C99"), "SourceFile", sources)
-    XML.SubElement(configuration, "Library", name="m", external="true", description="mathematical functions of C, on Unix")
-    XML.indent(root)
-    return XML.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
-
-
-def plain(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
-    """The table for tools that know no enumerations and read every output as a Real: the enumeration becomes an Integer, and
-    the Integer outputs, which come last, are left out."""
-    kept = [row for row in table if row.kind != "Integer" or row.causality != "output"]
-    if kept != list(table[: len(kept)]):
-        raise ValueError("an Integer output stands between other variables, whose indices would change")
-    return tuple(replace(row, kind="Integer") if row.kind == "Enumeration" else row for row in kept)
-
-
-def content_guid(description_without_guid: bytes, files: dict[str, bytes]) -> str:
-    """A GUID that is a hash of everything that can change what the FMU does: the same content has the same GUID."""
-    digest = hashlib.sha256(description_without_guid)
-    for name in sorted(files):
-        digest.update(f"\0{name}\0{len(files[name])}\0".encode())
-        digest.update(files[name])
-    h = digest.hexdigest()
-    return f"{{{h[:8]}-{h[8:12]}-{h[12:16]}-{h[16:20]}-{h[20:32]}}}"
-
-
-def _text(value: bool | float | str) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value) if isinstance(value, float) else str(value)
-
-
-def _add_files(parent: XML.Element, tag: str, names: tuple[str, ...]) -> None:
-    for name in names:
-        XML.SubElement(parent, tag, name=name)
 
 
 def _add_kind(
@@ -166,18 +83,9 @@ def _add_kind(
 ) -> None:
     kind = XML.SubElement(root, tag, modelIdentifier=identifier)
     for name, value in capabilities.items():
-        kind.set(name, _text(value))
+        kind.set(name, text(value))
     if sources:
-        _add_files(XML.SubElement(kind, "SourceFiles"), "File", sources)
-
-
-def _add_units(root: XML.Element, used: set[str]) -> None:
-    units = XML.SubElement(root, "UnitDefinitions")
-    for name in sorted(used):
-        unit = XML.SubElement(units, "Unit", name=name)
-        XML.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[name].base.items()})
-        for shown, factor in UNITS[name].shown.items():
-            XML.SubElement(unit, "DisplayUnit", name=shown, factor=repr(factor))
+        add_files(XML.SubElement(kind, "SourceFiles"), "File", sources)
 
 
 def _add_method_type(root: XML.Element) -> None:
@@ -188,14 +96,8 @@ def _add_method_type(root: XML.Element) -> None:
         XML.SubElement(enumeration, "Item", name=name, value=str(value), description=meaning)
 
 
-def _add_experiment(root: XML.Element, experiment: Experiment) -> None:
-    attributes = {"startTime": experiment.start, "stopTime": experiment.stop, "stepSize": experiment.step}
-    if experiment.tolerance is not None:
-        attributes["tolerance"] = experiment.tolerance
-    XML.SubElement(root, "DefaultExperiment", {name: repr(value) for name, value in attributes.items()})
-
-
-def _add_variable(scalars: XML.Element, row: Variable, index: dict[int, str]) -> None:
+def _add_variable(scalars: XML.Element, row: Variable, index: dict[int, str], reinit: bool) -> None:
+    """reinit: it is a state, which events may change."""
     attributes = {
         "name": row.name,
         "valueReference": str(row.reference),
@@ -212,7 +114,7 @@ def _add_variable(scalars: XML.Element, row: Variable, index: dict[int, str]) ->
     for name in ("unit", "min", "max", "nominal", "start"):
         value = getattr(row, name)
         if value is not None:
-            kind.set(name, _text(value))
+            kind.set(name, text(value))
     unit = UNITS[row.unit or "1"]
     if unit.quantity:
         kind.set("quantity", unit.quantity)
@@ -220,6 +122,8 @@ def _add_variable(scalars: XML.Element, row: Variable, index: dict[int, str]) ->
         kind.set("displayUnit", next(iter(unit.shown)))
     if row.derivative_of is not None:
         kind.set("derivative", index[row.derivative_of])
+    if reinit:
+        kind.set("reinit", "true")
 
 
 def indices(table: tuple[Variable, ...]) -> dict[int, str]:
@@ -242,9 +146,6 @@ def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
             for row in rows:
                 XML.SubElement(element, "Unknown", index=index[row.reference], dependencies=listed(row.depends or ()))
     unknowns = XML.SubElement(structure, "InitialUnknowns")
-    for row in outputs:
+    for row in (*outputs, *(row for row in table if row.causality == "local")):
         known = " ".join(index[reference] for reference in row.known)
         XML.SubElement(unknowns, "Unknown", index=index[row.reference], dependencies=known)
-    for row in table:  # of states and their derivatives nothing is said: they may depend on everything that is known
-        if row.causality == "local":
-            XML.SubElement(unknowns, "Unknown", index=index[row.reference])

@@ -10,6 +10,7 @@ same instant, in continuous time and in events; on parameters, which cannot chan
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -21,12 +22,21 @@ from tensegrity_core.model import Model
 from tensegrity_core.model.components import AXES
 
 from .dependencies import KNOWN, Places
-from .interface import Variable, flat, require_unique, variables
+from .initial_states import Start
+from .interface import Array, Variable, flat, require_unique, variables
 
 #: Outputs that have no place in model exchange.
 LEFT_OUT = ("throughput",)
+#: Settings of the kernel's solver.
+SOLVER = ("method", "tolerance", "max_step")
 #: Units of derivatives by those of the states.
 RATES_OF = {"m": "m/s", "m/s": "m/s2", "J": "W"}
+#: What the event indicators of a string say.
+INDICATED = (
+    "how far it is from the lower end of its piece of the force curve (m)",
+    "from the upper end (m)",
+    "from being clipped or released (N)",
+)
 #: Outputs that are states, in the order in which they are the last ones.
 INTEGRALS = ("dissipated", "input_work")
 
@@ -35,31 +45,96 @@ def exchange_variables(model: Model, naming: str = "structured") -> tuple[Variab
     """The variables of an FMU for model exchange, in order of their references; outputs and derivatives with what they
     depend on; of an input of which nothing is known here, all of them.  Raises ValueError where two would get the same name."""
     table = [row for row in variables(model, naming) if row.field not in LEFT_OUT]
-    graph = _Graph(model)
-    nominals = ContinuousView(Kernel(model)).nominals
-    named = list(zip(graph.names, graph.units, graph.meanings))
-    rows = [
-        _local(graph.first + i, name, unit, f"{meaning} (continuous state)", nominals[i], naming)
-        for i, (name, unit, meaning) in enumerate(named)
-    ]
+    graph, nominals = Graph(model), ContinuousView(Kernel(model)).nominals
+    start, states = Start(graph), _states(graph, nominals, naming)
     integrals = [row for field in INTEGRALS for row in table if row.field == field]
-    for place, state in enumerate([*rows, *integrals]):
-        name = f"der({state.name})" if naming != "flat" else f"der_{state.name}"
-        what = f"derivative of {state.name}"
-        rate = _local(graph.rate(place), name, RATES_OF[str(state.unit)], what, nominals[place], naming)
-        rows.append(replace(rate, derivative_of=state.reference, depends=graph.derivative(place)))
-    visible = {row.reference for row in (*table, *rows)}
-    others = frozenset(row.reference for row in table if row.causality == "input" and row.field not in KNOWN)
-    table = [
-        replace(row, depends=(graph.output(row.reference) | others) & visible) if row.causality == "output" else row
-        for row in table
+    rates = [
+        replace(
+            _rate_of(state, graph.rate(i), nominals[i], naming),
+            depends=graph.derivative(i),
+            known=tuple(start.derivative(i)),
+            constant=i < graph.half,
+        )
+        for i, state in enumerate([*states, *integrals])
     ]
-    rows = [row if row.depends is None else replace(row, depends=(row.depends | others) & visible) for row in rows]
-    require_unique([*table, *rows])
-    return (*table, *rows)
+    states = [replace(row, known=tuple(start.state(i))) for i, row in enumerate(states)]
+    table = [replace(row, depends=graph.output(row.reference)) if row.causality == "output" else row for row in table]
+    found = _with_unknown([*table, *states, *rates])
+    require_unique(found)
+    return found
 
 
-def _local(reference: int, name: str, unit: str, meaning: str, nominal: float, naming: str) -> Variable:
+def _with_unknown(table: list[Variable]) -> tuple[Variable, ...]:
+    """The table with what is said to depend on references of variables alone, and on all inputs and parameters of which nothing
+    is known here."""
+    visible = frozenset(row.reference for row in table)
+    inputs, parameters = _unknown(table, "input"), _unknown(table, "parameter")
+    found = []
+    for row in table:
+        if row.depends is not None:
+            row = replace(row, depends=(row.depends | inputs) & visible)
+        if row.causality == "local":
+            row = replace(row, known=tuple(sorted((inputs | parameters).union(row.known) & visible)))
+        found.append(row)
+    return tuple(found)
+
+
+def _unknown(table: Iterable[Variable], causality: str) -> frozenset[int]:
+    """Inputs or parameters of which nothing is known here: everything may depend on them."""
+    return frozenset(row.reference for row in table if row.causality == causality and row.field not in KNOWN)
+
+
+def without_solver(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """The table of an FMU whose host always integrates: the kernel's solver has nothing to say there."""
+    hidden = {row.reference for row in table if row.field in SOLVER}
+    return tuple(
+        replace(row, known=tuple(one for one in row.known if one not in hidden)) for row in table if row.field not in SOLVER
+    )
+
+
+def event_indicators(model: Model, table: tuple[Variable, ...], first: int, naming: str = "structured") -> tuple[Variable, ...]:
+    """The event indicators as variables of FMI 3.0, in the order of the kernel's, with what they depend on.
+
+    table: the variables that there are; first: the reference of the first of them.
+    """
+    graph = Graph(model)
+    found: list[Variable] = []
+    visible, others = {row.reference for row in table}, _unknown(table, "input")
+    each = ContinuousView(Kernel(model)).indicators // max(len(model.strings), 1)
+    for s, string in enumerate(model.string_names):
+        whole = Array(
+            f"{string}.event_indicators", f"string {string}: {', '.join(INDICATED[:each])}; negative: an event is due"
+        )
+        for i in range(each):
+            row = _local(first + len(found), f"{whole.name}[{i + 1}]", "1", INDICATED[i], 1.0, naming, whole)
+            depends = ((graph.tension(s) if i == 2 else graph.elastic(s)) | others) & visible
+            found.append(replace(row, unit=None, nominal=None, depends=frozenset(depends)))
+    return tuple(found)
+
+
+def _states(graph: Graph, nominals: np.ndarray, naming: str) -> list[Variable]:
+    """The states that are no outputs."""
+    told = " (continuous state)"
+    axes = f"; {', '.join(AXES[i] for i in graph.model.axes)}{told}"
+    found = []
+    for i, (name, unit, meaning, whole) in enumerate(zip(graph.names, graph.units, graph.meanings, graph.arrays)):
+        array = None if whole is None else Array(whole.name, whole.description + axes)
+        found.append(_local(graph.first + i, name, unit, meaning + told, nominals[i], naming, array))
+    return found
+
+
+def _rate_of(state: Variable, reference: int, nominal: float, naming: str) -> Variable:
+    """The derivative of a state."""
+
+    def named(name: str) -> tuple[str, str]:
+        return f"der({name})" if naming != "flat" else f"der_{name}", f"derivative of {name}"
+
+    (name, meaning), array = named(state.name), None if state.array is None else Array(*named(state.array.name))
+    row = _local(reference, name, RATES_OF[str(state.unit)], meaning, nominal, naming, array)
+    return replace(row, derivative_of=state.reference)
+
+
+def _local(reference: int, name: str, unit: str, meaning: str, nominal: float, naming: str, array: Array | None) -> Variable:
     return Variable(
         name=flat(name) if naming == "flat" else name,
         reference=reference,
@@ -75,12 +150,13 @@ def _local(reference: int, name: str, unit: str, meaning: str, nominal: float, n
         description=meaning,
         field="",
         known=(),
+        array=None if array is None else Array(flat(array.name) if naming == "flat" else array.name, array.description),
     )
 
 
-class _Graph:
-    """What hangs on what.  A block is a list of coordinates that strings and forces act on together; names, units, meanings: of
-    the states that are no outputs; first: the reference of the first of them."""
+class Graph:
+    """What hangs on what.  A block is a list of coordinates that strings and forces act on together; names, units, meanings,
+    arrays: of the states that are no outputs; first: the reference of the first of them."""
 
     def __init__(self, model: Model):
         self.model, self.places = model, Places(model)
@@ -118,13 +194,16 @@ class _Graph:
         self.starts = np.cumsum([0, *(count for _, count, _ in self.blocks)])
         self.half = int(self.starts[-1])
         self.names, self.units, self.meanings = [], [], []
+        self.arrays: list[Array | None] = []
         for suffix, unit, of in (("", "m", ""), ("_rate", "m/s", "rate of ")):
             for name, count, meaning in self.blocks:
+                whole = None if count == 1 else Array(f"{name}{suffix}", f"{of}{meaning}")
                 for axis in range(count):
                     along = f".{AXES[model.axes[axis]]}" if count > 1 else ""
                     self.names.append(f"{name}{suffix}{along}")
                     self.units.append(unit)
                     self.meanings.append(f"{of}{meaning}{f', along {along[1:]}' if along else ''}")
+                    self.arrays.append(whole)
 
     def _add(self, name: str, count: int, meaning: str) -> int:
         self.blocks.append((name, count, meaning))

@@ -20,8 +20,8 @@ from fmu_src.packing.libraries import KINDS, PackError, cross_compiled, here
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
 from fmu_src.validation.scenarios import pushed_node
+from fmu_src.variables.described import LOG_CATEGORIES
 from fmu_src.variables.interface import variables
-from fmu_src.variables.model_description import LOG_CATEGORIES
 from tensegrity_core.native import build
 from tests.support import scene
 from tests.support.native_calls import Calls

@@ -8,7 +8,7 @@ import pytest
 from fmu_src.packing.libraries import here, host_library
 from fmu_src.packing.native_fmu import Contents, native_fmu_files
 from fmu_src.variables.interface import variables
-from fmu_src.variables.states import LEFT_OUT, exchange_variables
+from fmu_src.variables.states import LEFT_OUT, SOLVER, exchange_variables
 from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.kernel.continuous import ContinuousView
@@ -105,6 +105,49 @@ def test_dependencies_are_those_of_the_kernel(name):
         row = table[reference]
         if row.kind == "Real":
             names = [{table[one].name for one in some} for some in (measured, row.depends)]
+            assert names[0] == names[1], f"{row.name}: depends {names[0] - names[1]}, and does not on {names[1] - names[0]}"
+
+
+def started(view):
+    """States and derivatives at a new start."""
+    view.kernel.initialize()
+    return np.concatenate((view.states, view.derivatives()))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_states_at_the_start_depend_on_what_is_said(name):
+    """Each known is perturbed at two random starts: the states and derivatives that move are those that say so.  The nodes are
+    shifted, else a force may be straight across what it could move."""
+    model = MODELS[name]()
+    shift = np.zeros_like(model.nodes)
+    shift[:, model.axes] = 0.01 * np.random.default_rng(7).random((len(model.nodes), len(model.axes)))
+    model = replace(model, nodes=model.nodes + shift)
+    table = exchange_variables(model)
+    rows = {row.reference: row for row in table}
+    rates = [row for row in table if row.causality == "local" and row.derivative_of is not None]
+    shown = [*(row.derivative_of for row in rates), *(row.reference for row in rates)]
+    found = {reference: set() for reference in shown}
+    knowns = [row for row in table if row.causality in ("input", "parameter") and row.field not in SOLVER]
+    for seed in range(2):
+        kernel, random = Kernel(model), np.random.default_rng(seed)
+        view = ContinuousView(kernel)
+        for i, nsh in model.honeycombs.items():
+            kernel["rest_length"][i] -= 2.1 * seed * sum(nsh.h)  # bottomed out
+        kernel["rest_length"][:] -= random.uniform(0.005, 0.03, len(model.strings))
+        kernel["rest_length_rate"][:] = -random.random(len(model.strings))
+        for field in ("force", "node_velocity", "node_acceleration"):
+            kernel[field][:] = random.normal(size=len(kernel[field]))
+        base = started(view)
+        for row in knowns:
+            before = kernel.values[row.reference].item()
+            kernel.values[row.reference] = before + (1e-3 if abs(before) < 1.0 else 1e-3 * abs(before))
+            for at in changed(started(view), base):
+                found[shown[at]].add(row.reference)
+            kernel.values[row.reference] = before
+    for reference, measured in found.items():
+        row = rows[reference]
+        if row.causality == "local":
+            names = [{rows[one].name for one in some if rows[one].field not in SOLVER} for some in (measured, row.known)]
             assert names[0] == names[1], f"{row.name}: depends {names[0] - names[1]}, and does not on {names[1] - names[0]}"
 
 

@@ -31,14 +31,15 @@ from tensegrity_core.scene import builtin_scenes
 from tests.support import driven_scenes, element_scenes, scene
 
 SCHEMAS = {
-    "modelDescription.xml": "fmi2/fmi2ModelDescription.xsd",
+    "2.0": "fmi2/fmi2ModelDescription.xsd",
+    "3.0": "fmi3/fmi3ModelDescription.xsd",
     "terminalsAndIcons/terminalsAndIcons.xml": "fmi3/fmi3TerminalsAndIcons.xsd",
     "sources/buildDescription.xml": "fmi3/fmi3BuildDescription.xsd",
 }
 
 DRIVEN = {name: getattr(driven_scenes, name) for name in ("PENDULUM", "AFLOAT", "MAST", "LABORATORY")}
 
-#: What an FMU may be asked to be: runtime, naming, simple types, sources.
+#: What an FMU may be asked to be: runtime, naming, simple types, sources, kind, version of FMI.
 KINDS = [
     *(
         (runtime, naming, simple, False)
@@ -48,6 +49,8 @@ KINDS = [
     ),
     ("native", "structured", False, True),
     *(("native", naming, False, True, kind) for naming in ("structured", "flat") for kind in ("me", "both")),
+    *(("native", naming, False, True, kind, "3.0") for naming in ("structured", "flat") for kind in ("cs", "me", "both")),
+    ("native", "structured", True, False, "cs", "3.0"),
 ]
 
 
@@ -66,11 +69,14 @@ def models() -> Iterator[Model]:
     yield from map(element_scenes.mast, element_scenes.STRINGS)
 
 
-def files_of(model: Model, runtime: str, naming: str, simple: bool, sources: bool, kind: str = "cs") -> dict[str, bytes]:
+def files_of(
+    model: Model, runtime: str, naming: str, simple: bool, sources: bool, kind: str = "cs", standard: str = "2.0"
+) -> dict[str, bytes]:
     if runtime == "python":
         kernel = {here(): CORE / "native" / LIBRARY}
         return python_fmu_files(model, naming, {here(): host_library("python")}, kernel, simple)
-    return native_fmu_files(model, Contents(naming, sources=sources, simple=simple, kind=kind), {here(): host_library()})
+    contents = Contents(naming, sources=sources, simple=simple, kind=kind, standard=standard)
+    return native_fmu_files(model, contents, {here(): host_library()})
 
 
 def problems(files: dict[str, bytes]) -> list[str]:
@@ -79,12 +85,17 @@ def problems(files: dict[str, bytes]) -> list[str]:
     for name in files:
         if not name.endswith(".xml"):
             continue
-        if name not in SCHEMAS:
+        document = etree.fromstring(files[name])
+        version = document.get("fmiVersion")
+        known = version if name == "modelDescription.xml" else name
+        if known not in SCHEMAS:
             found.append(f"{name}: no schema is known for it")
-        elif not schema(name).validate(document := etree.fromstring(files[name])):
-            found += [f"{name}: {error}" for error in schema(name).error_log]
+        elif not schema(known).validate(document):
+            found += [f"{name}: {error}" for error in schema(known).error_log]
         elif name == "modelDescription.xml":
-            found += [f"{name}: {rule}" for rule in broken_rules(document)]
+            found += [f"{name}: {rule}" for rule in (broken_rules if version == "2.0" else broken_rules_of_3)(document)]
+        elif name == "terminalsAndIcons/terminalsAndIcons.xml":
+            found += [f"{name}: {rule}" for rule in broken_terminals(document, files)]
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "modelDescription.xml").write_bytes(files["modelDescription.xml"])
         return found + validate_fmu(folder)
@@ -121,6 +132,55 @@ def broken_rules(root) -> list[str]:
     return found
 
 
+def broken_rules_of_3(root) -> list[str]:
+    """The same of FMI 3.0, sections 2.4.7 and 2.4.8: what refers to what, shapes, and the order of the model structure."""
+    rows = list(root.find("ModelVariables"))
+    known, shapes = {row.get("valueReference"): row for row in rows}, {}
+    found, names = [], {unit.get("name"): [u.get("name") for u in unit.findall("DisplayUnit")] for unit in root.iter("Unit")}
+    for row in rows:
+        name, whole = row.get("name"), known.get(row.get("derivative"))
+        shapes[row.get("valueReference")] = [int(one.get("start")) for one in row.findall("Dimension")]
+        size = int(np.prod(shapes[row.get("valueReference")]))
+        if row.get("start") is not None and len(row.get("start").split()) != size:
+            found.append(f"{name} has not as many starts as elements")
+        if row.get("displayUnit") is not None and row.get("displayUnit") not in names[row.get("unit")]:
+            found.append(f"{name} is shown in an unknown unit")
+        if row.get("derivative") is not None and (whole is row or {row.tag, whole.tag} != {"Float64"}):
+            found.append(f"{name} cannot be the derivative of {whole.get('name')}")
+    if [row.get("name") for row in rows if row.get("causality") == "independent"] != ["time"]:
+        found.append("the independent variable is not `time` alone")
+    found += [f"{row.get('name')} and its derivative differ in shape" for row in rows if row.get("derivative") is not None
+              and shapes[row.get("derivative")] != shapes[row.get("valueReference")]]  # fmt: skip
+    listed = {tag: [one.get("valueReference") for one in root.findall(f"ModelStructure/{tag}")] for tag in STRUCTURE}
+    for unknown in root.find("ModelStructure"):
+        if missing := [one for one in unknown.get("dependencies").split() if one not in known]:
+            found.append(f"{unknown.tag} depends on {missing}, which do not exist")
+    outputs, local = ([row.get("valueReference") for row in rows if row.get("causality") == one] for one in ("output", "local"))
+    rates = [one for one in local if known[one].get("derivative") is not None and not known[one].get("reinit")]
+    integrated = {known[one].get("derivative") for one in listed["ContinuousStateDerivative"]}
+    states = [one for one in local if one in integrated]
+    if integrated != {row.get("valueReference") for row in rows if row.get("reinit") == "true"}:
+        found.append("the states that events may change are not the states")
+    expected = dict(zip(STRUCTURE, (outputs, rates, [*outputs, *states, *rates], [])))
+    expected["EventIndicator"] = [one for one in local if one not in (*states, *rates)]
+    return found + [f"the list of {tag} is not what it should be" for tag in STRUCTURE if listed[tag] != expected[tag]]
+
+
+#: Lists of a model structure of FMI 3.0.
+STRUCTURE = ("Output", "ContinuousStateDerivative", "InitialUnknown", "EventIndicator")
+
+
+def broken_terminals(root, files: dict[str, bytes]) -> list[str]:
+    """Members that are no variables, and an icon that is missing."""
+    document = etree.fromstring(files["modelDescription.xml"])
+    names = {row.get("name") for row in document.find("ModelVariables")}
+    members = [one.get("variableName") for one in root.iter("TerminalMemberVariable")]
+    found = [f"{name} is no variable" for name in members if name not in names]
+    if (root.find("GraphicalRepresentation/Icon") is not None) != ("terminalsAndIcons/icon.png" in files):
+        found.append("the icon is named and missing, or there and not named")
+    return found
+
+
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 def test_every_kind_keeps_the_schemas(kind):
     assert problems(files_of(driven_scenes.built(driven_scenes.LABORATORY), *kind)) == []
@@ -139,6 +199,19 @@ def test_detached_actuators_keep_the_schemas(runtime):
     files = files_of(actuators["s2"], runtime, "structured", False, False)
     assert problems(files) == [] and not any(name.startswith("terminals") for name in files)
     assert problems(files_of(bare, runtime, "structured", False, False)) == []
+
+
+def test_detached_actuators_keep_the_schemas_of_fmi_3():
+    """In FMI 3.0 the same file says where the icon is."""
+    bare, actuators = detached(driven_scenes.built(driven_scenes.MAST))
+    for one in (bare, actuators["s2"]):
+        files = files_of(one, "native", "structured", False, False, standard="3.0")
+        assert problems(files) == [] and files["terminalsAndIcons/icon.png"].startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", builtin_scenes())
+def test_every_scene_keeps_the_schemas_of_fmi_3(name):
+    assert problems(files_of(scene(name), "native", "structured", False, False, "both", "3.0")) == []
 
 
 def test_faults_would_be_seen():
@@ -213,7 +286,7 @@ def main() -> None:
     """Every kind of every model."""
     count = xml = 0
     for model in models():
-        for kind in KINDS:
+        for kind in KINDS if not hasattr(model, "shown") else [one for one in KINDS if "me" not in one and "both" not in one]:
             files = files_of(model, *kind)
             found = problems(files)
             count, xml = count + 1, xml + sum(name.endswith(".xml") for name in files)
