@@ -1,75 +1,97 @@
-/* What an instance of the FMU is made of.  The kernel computes (tensegrity.h); this runtime knows FMI's order of calls, the
- * variables' names and limits, and nothing of forces.  No globals: instances share nothing. */
+/* What an instance of the FMU is made of, whatever the standard.  The kernel computes (tensegrity.h); this runtime knows what
+ * FMI's functions share, the variables' names and limits, and nothing of forces.  No globals: instances share nothing. */
 #ifndef TENSEGRITY_INSTANCE_H
 #define TENSEGRITY_INSTANCE_H
 
-#include "fmi2Functions.h"
 #include "resources.h"
 #include "tensegrity.h"
 
 #include <stddef.h>
 #include <stdint.h>
 
+/* What a function of FMI returns, with the numbers of all versions of the standard. */
+typedef enum { FMU_OK, FMU_WARNING, FMU_DISCARD, FMU_ERROR } fmu_status;
+
+typedef enum { FMU_CO_SIMULATION, FMU_MODEL_EXCHANGE, FMU_OTHER_KIND } fmu_kind;
+
 /* Modes of the life cycle, as bits, so that a function can list those in which it may be called. */
 enum {
-    FMU_INSTANTIATED = 1,
-    FMU_INITIALIZATION = 2,
-    FMU_STEPPING = 4,
-    FMU_TERMINATED = 8,
-    FMU_ERROR = 16, /* until the instance is reset, freed or put back into a saved state */
-    FMU_EVENT = 32, /* model exchange */
-    FMU_CONTINUOUS = 64,
-    FMU_ANY = 127
+    MODE_INSTANTIATED = 1,
+    MODE_INITIALIZATION = 2,
+    MODE_STEPPING = 4,
+    MODE_TERMINATED = 8,
+    MODE_ERROR = 16, /* until the instance is reset, freed or put back into a saved state */
+    MODE_EVENT = 32, /* model exchange, and co-simulation of a host that asked for it */
+    MODE_CONTINUOUS = 64,
+    MODE_ANY = 127
 };
 
 /* Log categories, in the order of LOG_CATEGORIES in model_description.py. */
 enum { LOG_WARNING, LOG_DISCARD, LOG_ERROR, LOG_EVENTS, LOG_SOLVER, LOG_CATEGORIES };
 
-/* The variable table, packed by pack.py (variables_bin): variables in the order of their value references, reals first. */
+/* The variable table, packed by variables_bin in packing/: variables in the order of their value references, reals first. */
 typedef struct {
     char *bytes; /* owned; the rest points into it */
     const char *guid;
     int32_t reals, count, strings;
     int32_t tolerance;        /* reference of solver.tolerance */
-    int32_t gaps;             /* at some references no variable starts */
     uint64_t model;           /* checksum of model.bin */
     const double *low, *high; /* (count) values that are accepted */
     const int32_t *settable;  /* (count) modes in which a value may be set, as bits */
     const int32_t *span;      /* (count) how many values the variable has that starts here; 0: none does */
-    const char **name;        /* (count + strings) owned: of variables, then of strings */
+    const char **name;        /* (count + strings) owned: of variables, element by element, then of strings */
 } variable_table;
 
+struct instance;
+
+/* What the version of the standard changes in what all share. */
 typedef struct {
-    fmi2CallbackFunctions host;
-    char *name; /* of the instance, owned */
+    int number;                 /* of its functions' prefix, fmi2 or fmi3 */
+    const char *token;          /* its name of what binds an instance to its description */
+    const char *real, *integer; /* its names of types */
+    const char *location;       /* what it calls the place of the resources */
+    void (*pass_on)(const struct instance *fmu, fmu_status status, const char *category, const char *message);
+} fmu_standard;
+
+typedef struct instance {
+    const fmu_standard *standard;
+    void *environment;    /* the host's */
+    void (*logger)(void); /* the host's, of the standard's type; NULL: none */
+    char *name;           /* of the instance, owned */
     variable_table table;
     ts_sim *sim;
     double *values;    /* (reals) the kernel's */
-    int32_t *integers; /* (count - reals) the kernel's */
+    int32_t *integers; /* (counted - reals) the kernel's */
     int32_t first_output;
     double *derivatives; /* (reals - first_output) of the outputs at the end of the last step, once asked for; owned */
     int32_t derivatives_ready;
     int log[LOG_CATEGORIES];
     uint64_t identity; /* of the FMU, from its GUID: saved states are bound to it */
-    fmi2Type kind;
-    int32_t counted;     /* references of the kernel's blocks; behind them those of states and derivatives, see
-                          * variables/states.py */
-    int32_t state_count; /* continuous states; 0: the FMU has no variables for them, and is no model exchange FMU */
-    double *states;      /* (2, state_count) states and derivatives, as far as `viewed`; owned */
-    int32_t viewed;      /* what has been computed at the present time, states and inputs: bits VIEW_... of calls.h */
-    double tolerance;    /* the FMU's own, which keeps its promise; a host's may be tighter */
+    fmu_kind kind;
+    int32_t event_mode;      /* co-simulation: the host has asked for Event Mode */
+    int32_t counted;         /* references of the kernel's blocks; behind them those of states and derivatives, see
+                              * variables/states.py */
+    int32_t state_count;     /* continuous states; 0: the FMU has no variables for them, and is no model exchange FMU */
+    int32_t indicator_count; /* event indicators; 0 where there are no states */
+    double *states;          /* (2, state_count) states and derivatives, as far as `viewed`; owned */
+    double *indicators;      /* (indicator_count) as far as `viewed`; behind `states` */
+    int32_t viewed;          /* what has been computed at the present time, states and inputs: bits VIEW_... of calls.h */
+    double tolerance;        /* the FMU's own, which keeps its promise; a host's may be tighter */
 
     /* saved with the FMU state */
     int32_t mode;
     int32_t stale;         /* Initialization Mode: outputs are older than the inputs */
-    int32_t tolerance_set; /* by the host: fmi2SetupExperiment does not change it then */
+    int32_t tolerance_set; /* by the host: the experiment's tolerance does not change it then */
     int32_t stop_defined;
     double start, time, stop; /* s */
-    int32_t discarded;        /* not saved: the last fmi2DoStep was */
+    int32_t discarded;        /* not saved: the last step was */
 } instance;
 
 /* messages.c */
-void fmu_log(const instance *fmu, int category, fmi2Status status, const char *format, ...);
+#define FMU_LONGEST_MESSAGE 1024
+void fmu_log(const instance *fmu, int category, fmu_status status, const char *format, ...);
+int fmu_always_said(const instance *fmu, int category); /* also where the host has not asked for messages */
+void fmu_escape(const char *text, const char *characters, char *escaped);
 const char *fmu_number(double x, char text[32]);
 extern const char *const fmu_categories[LOG_CATEGORIES];
 

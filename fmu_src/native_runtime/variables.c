@@ -7,11 +7,10 @@
 #define MAGIC "TSVARS3"
 
 /* Does every variable end where its kind ends, and none reach into the next? */
-static int spans_fit(variable_table *table)
+static int spans_fit(const variable_table *table)
 {
     for (int32_t i = 0, free_from = 0; i < table->count; i++) {
         int32_t span = table->span[i], end = i < table->reals ? table->reals : table->count;
-        table->gaps |= span == 0;
         if (span < 0 || span > end - i || (span && i < free_from)) return 0;
         if (span) free_from = i + span;
     }

@@ -48,11 +48,14 @@ _INCLUDED = re.compile(rb'^#include "[^"]*/', re.MULTILINE)
 _DECLARED = re.compile(r"^[A-Za-z][\w ]*[ *](\w+)\([^;{]*\);", re.MULTILINE)
 
 #: A function of FMI's that the runtime defines.
-_EXPORTED = re.compile(r"^FMI2_Export .*?\b(fmi2\w+)\(", re.MULTILINE)
+_EXPORTED = re.compile(r"^FMI(\d)_Export .*?\b(fmi\1\w+)\(", re.MULTILINE)
+
+#: A file of the runtime that only one version of the standard needs.
+_OF_VERSION = re.compile(r"(?:fmi|version)(\d)\w*\.[ch]")
 
 _PREFIX = """/* Names of all functions that other files of these sources call: where several FMUs are linked into one program,
- * each has a prefix of its own, FMI2_FUNCTION_PREFIX, before these as before FMI's functions. */
-#if defined(FMI2_FUNCTION_PREFIX) && !defined(TENSEGRITY_PREFIX_H)
+ * each has a prefix of its own, {prefix}, before these as before FMI's functions. */
+#if defined({prefix}) && !defined(TENSEGRITY_PREFIX_H)
 #define TENSEGRITY_PREFIX_H
 #define TS_PASTE_NAMES(a, b) a##b
 #define TS_PASTE(a, b) TS_PASTE_NAMES(a, b)
@@ -109,7 +112,7 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         files[terminals.PATH] = joined
     for name, library in (tuples(libraries) if arrays else on_arm(libraries)).items():
         files[f"binaries/{name}/{model.name}{library.suffix}"] = library.read_bytes()
-    sources = source_files(model.name) if contents.sources else {}
+    sources = source_files(model.name, 3 if arrays else 2) if contents.sources else {}
     files |= {f"sources/{name}": content for name, content in sources.items()}
     runtime = Runtime(
         "native",
@@ -134,16 +137,18 @@ def added_variables(model: Model, table: tuple[Variable, ...], contents: Content
     return time_variable(count), *more
 
 
-def source_files(identifier: str) -> dict[str, bytes]:
+def source_files(identifier: str, version: int = 2) -> dict[str, bytes]:
     """What goes into sources/: kernel and FMI functions, and how to compile them.  The FMI headers are the importer's.
+    version: of the standard, 2 or 3.
 
     All in one folder, so that a compiler needs no options: the kernel's folders fall away here and in its includes.
     """
     paths = [path for path in build.reads("native") if path.suffix in build.SOURCES]
+    paths = [path for path in paths if not (of := _OF_VERSION.fullmatch(path.name)) or of[1] == str(version)]
     files = {path.name: _INCLUDED.sub(b'#include "', path.read_bytes()) for path in paths}
     if len(files) < len(paths):
         raise PackError("two source files have the same name; in sources/ one would hide the other")
-    files["prefix.h"] = prefix_header(files)
+    files["prefix.h"] = prefix_header(files, version)
     files["tensegrity.h"] = INTERNAL + files["tensegrity.h"]
     for name in ("resources.h", *(path.name for path in build.reads("kernel") if path.suffix == ".h")):
         files[name] = PREFIXED + files[name]
@@ -151,16 +156,18 @@ def source_files(identifier: str) -> dict[str, bytes]:
     return files
 
 
-def prefix_header(files: dict[str, bytes]) -> bytes:
-    """Definitions that put FMI2_FUNCTION_PREFIX before the names of what the headers declare."""
+def prefix_header(files: dict[str, bytes], version: int) -> bytes:
+    """Definitions that put the standard's prefix, FMI2_FUNCTION_PREFIX or that of 3, before the names of what the headers
+    declare."""
+    prefix = f"FMI{version}_FUNCTION_PREFIX"
     headers = "\n".join(content.decode() for name, content in sorted(files.items()) if name.endswith(".h"))
     names = {name for name in _DECLARED.findall(headers) if name.startswith(("ts_", "fmu_", "variables_"))}
     names |= {f"ts_{method}" for method in METHODS if method != "auto"} | {"fmu_categories"}
-    own = [f"#define {name} TS_PASTE(FMI2_FUNCTION_PREFIX, {name})" for name in sorted(names)]
-    runtime = "\n".join(content.decode() for name, content in sorted(files.items()) if name.startswith("fmi2"))
-    exported = sorted(_EXPORTED.findall(runtime))
-    fmi = [f"#undef {name}\n#define {name} TS_PASTE(FMI2_FUNCTION_PREFIX, {name})" for name in exported]
-    return _PREFIX.format(own="\n".join(own), fmi="\n".join(fmi)).encode()
+    own = [f"#define {name} TS_PASTE({prefix}, {name})" for name in sorted(names)]
+    runtime = "\n".join(content.decode() for name, content in sorted(files.items()) if name.startswith("fmi"))
+    exported = sorted(name for _, name in _EXPORTED.findall(runtime))
+    fmi = [f"#undef {name}\n#define {name} TS_PASTE({prefix}, {name})" for name in exported]
+    return _PREFIX.format(prefix=prefix, own="\n".join(own), fmi="\n".join(fmi)).encode()
 
 
 def compiled_of(names: Iterable[str]) -> tuple[str, ...]:

@@ -93,6 +93,11 @@ typedef int (*ts_watcher)(void *context, ts_sim *sim, ts_moment moment);
 TS_API int ts_step_watched(ts_sim *sim, double h, ts_watcher watcher, void *context, double *done);
 TS_API int ts_look(ts_sim *sim);
 
+/* Take inputs and tunable parameters that differ from the last step's at once, as a step that begins now would, and fill the
+ * outputs: what jumps is booked here, and not again by that step.  A rest length or a moved node that has not been set since gets
+ * the value to which the last step has brought it. */
+TS_API int ts_take_inputs(ts_sim *sim);
+
 /* First derivatives by time of all real outputs at the end of the last step, on the present branches of all strings, in the
  * order of the block of doubles.  TS_BAD_STEP before ts_initialize(). */
 TS_API int32_t ts_output_first(const ts_sim *sim); /* where the outputs begin in the block */
@@ -127,6 +132,7 @@ TS_API int ts_set_continuous_states(ts_sim *sim, const double *x);
 TS_API int ts_set_time(ts_sim *sim, double time);
 TS_API int ts_continuous_derivatives(ts_sim *sim, double *dx); /* unit/s */
 TS_API int ts_step_derivatives(ts_sim *sim, double *dx);       /* the same at the end of a ts_step() */
+TS_API int ts_step_indicators(ts_sim *sim, double *z);         /* event indicators there */
 TS_API int ts_continuous_outputs(ts_sim *sim);
 TS_API int ts_event_indicators(ts_sim *sim, double *z);
 TS_API int ts_completed_step(ts_sim *sim);

@@ -188,13 +188,28 @@ int ts_continuous_outputs(ts_sim *sim)
 
 int32_t ts_indicator_count(const ts_sim *sim) { return sim->m.count[TS_S] * (sim->m.damping_law == TS_TENSION_ONLY ? 3 : 2); }
 
+static int check_margins(ts_sim *sim, const double *z)
+{
+    if (ts_all_finite(z, ts_indicator_count(sim))) return TS_OK;
+    return ts_say(sim, TS_NOT_FINITE, "a string's elongation or tension is not a finite number");
+}
+
 int ts_event_indicators(ts_sim *sim, double *z)
 {
     if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     take_inputs(sim);
-    ts_margins(sim, guard(&sim->m), z);
-    if (ts_all_finite(z, ts_indicator_count(sim))) return TS_OK;
-    return ts_say(sim, TS_NOT_FINITE, "a string's elongation or tension is not a finite number");
+    ts_margins(sim, 0.0, guard(&sim->m), z);
+    return check_margins(sim, z);
+}
+
+int ts_step_indicators(ts_sim *sim, double *z)
+{
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    ts_swap_applied(sim);
+    ts_derive(sim);
+    ts_margins(sim, sim->memory.last_step, guard(&sim->m), z);
+    ts_swap_back(sim);
+    return check_margins(sim, z);
 }
 
 /* Largest deviation of a bar's length, or of what its rate soon makes of it, relative. */

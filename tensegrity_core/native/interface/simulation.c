@@ -292,3 +292,58 @@ int ts_step(ts_sim *sim, double h)
     apply(&sim->m, &sim->io);
     return TS_OK;
 }
+
+/* Where inputs that move on stand at the end of the last step, unless they or their rates have been set since. */
+static void carry_inputs(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    double *v = sim->io.values, h = sim->memory.last_step;
+    const double *was = sim->io.applied;
+    const int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE], place = m->at[TS_NODE_POSITION];
+    const int velocity = m->at[TS_NODE_VELOCITY], acceleration = m->at[TS_NODE_ACCELERATION];
+    for (int i = 0; i < m->count[TS_S]; i++)
+        if (v[length + i] == was[length + i] && v[rate + i] == was[rate + i]) v[length + i] += h * v[rate + i];
+    for (int i = 0; i < m->count[TS_E] * m->count[TS_D]; i++) {
+        double speed = v[velocity + i], bend = v[acceleration + i];
+        if (v[place + i] != was[place + i] || speed != was[velocity + i] || bend != was[acceleration + i]) continue;
+        v[place + i] += (speed + 0.5 * bend * h) * h;
+        v[velocity + i] += bend * h;
+    }
+}
+
+static int take_now(ts_sim *sim)
+{
+    ts_memory memory;
+    backup(sim, &memory);
+    ts_prepare(sim);
+    int status = ts_check_change(sim, 0.0), told = status == TS_OK;
+    sim->told.count = 0;
+    if (told) {
+        take_inputs(sim);
+        status = settle(sim, 0.0, 1); /* so the next step takes its inputs as new ones, too */
+    }
+    if (status == TS_OK) {
+        apply(&sim->m, &sim->io);
+        return TS_OK;
+    }
+    undo(sim, &memory);
+    if (told) recall_outputs(sim);
+    return status;
+}
+
+int ts_take_inputs(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    size_t bytes = sizeof(double) * (size_t)m->n_applied;
+    double *held = sim->undo.reals + m->n_real + 2 * m->n_inputs + m->ny;
+    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    if (!memcmp(sim->io.values, sim->io.applied, bytes) && !ts_sloped(m, &sim->io)) {
+        sim->told.count = 0;
+        return TS_OK;
+    }
+    memcpy(held, sim->io.values, bytes);
+    if (!ts_sloped(m, &sim->io)) carry_inputs(sim);
+    int status = take_now(sim);
+    if (status != TS_OK) memcpy(sim->io.values, held, bytes);
+    return status;
+}

@@ -373,12 +373,12 @@ void ts_catch_up(ts_sim *sim, double tau)
 /* How far each string is from leaving its piece at its lower and at its upper end (m), `guard` beyond it, and under
  * `tension_only` from being clipped or released (N): negative where it has left.  A piece without such an end, and a slack string
  * of its clipping, give 1. */
-void ts_margins(const ts_sim *sim, double guard, double *z)
+void ts_margins(const ts_sim *sim, double tau, double guard, double *z)
 {
     const ts_model *m = &sim->m;
     for (int i = 0; i < m->count[TS_S]; i++) {
         double elongation, rate, scale, T;
-        ts_string_state(sim, 0.0, sim->state.y, i, &elongation, &rate);
+        ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
         *z++ = sim->on.lo[i] > -INFINITY ? elongation - sim->on.lo[i] + guard : 1.0;
         *z++ = sim->on.hi[i] < INFINITY ? sim->on.hi[i] - elongation + guard : 1.0;
         if (m->damping_law != TS_TENSION_ONLY) continue;
