@@ -124,6 +124,7 @@ static void take_tolerance(instance *fmu, const char *what, double tolerance)
 {
     int32_t place = fmu->table.tolerance;
     char given[32], own[32];
+    if (!fmu->table.span[place]) return; /* this FMU has no solver of its own */
     fmu_number(tolerance, given);
     if (!(fmu->table.low[place] <= tolerance && tolerance <= fmu->table.high[place])) {
         fmu_log(fmu, LOG_WARNING, FMU_WARNING, "%s: the tolerance %s is out of range: ignored", what, given);
