@@ -139,6 +139,23 @@ TS_API int ts_completed_step(ts_sim *sim);
 TS_API int ts_enter_event(ts_sim *sim);
 TS_API int ts_update_discrete(ts_sim *sim, int32_t *changed);
 
+/* First derivatives of the continuous-time view at the present time, states and inputs, the strings staying on their pieces; or,
+ * with start, of what ts_initialize() has just computed, by start values and fixed parameters, too (states are then no arguments).
+ * Analytic, exact to round-off.  Knowns: the states, then inputs and parameters in the order of the block; unknowns: the states,
+ * their derivatives, the real outputs, the event indicators.
+ *
+ * The caller's memory, aligned as malloc() does it, is shared out once.  ts_differentiate() looks, fills the outputs, and leaves
+ * there what products are taken of, each at about the cost of an evaluation: ts_directional() of the unknowns along a vector of
+ * the knowns, ts_adjoint() of weighted unknowns by each of the knowns. */
+TS_API int32_t ts_known_count(const ts_sim *sim);
+TS_API int32_t ts_unknown_count(const ts_sim *sim);
+TS_API int ts_differentiable(const ts_sim *sim, int32_t known); /* 0: by a parameter that a force curve was compiled from */
+TS_API size_t ts_derivatives_size(const ts_sim *sim);           /* bytes */
+TS_API int ts_share_derivatives(ts_sim *sim, void *work, size_t size);
+TS_API int ts_differentiate(ts_sim *sim, int start, void *work);
+TS_API int ts_directional(ts_sim *sim, void *work, const double *known, double *unknown);
+TS_API int ts_adjoint(ts_sim *sim, void *work, const double *unknown, double *known);
+
 TS_API size_t ts_memory_size(const ts_sim *sim); /* bytes of a simulation, without its force curves */
 
 /* For tests and analysis; -1 where the parameters allow no force curve.  Generalised state y = [q, qdot, ledger], see motion.c. */

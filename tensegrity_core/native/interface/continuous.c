@@ -4,6 +4,7 @@
  * blocks.  The scale of the ledger is none of them: its rate has a kink wherever a power changes its sign, and a host's solver
  * would look for each.  Pieces of force curves and clipped strings are discrete states.  Inputs are those of the present
  * instant: a host that moves a rest length or a node gives its place and its rates then. */
+#include "interface/continuous.h"
 #include "interface/applied.h"
 #include "interface/checks.h"
 #include "interface/message.h"
@@ -34,8 +35,8 @@ int32_t ts_continuous_count(const ts_sim *sim)
     return 2 * (plain_count(m) + m->count[TS_A]) + BOOKED;
 }
 
-/* Between y and x: out of y where x is the target. */
-static void pick(const ts_model *m, const double *y, double *x)
+/* The continuous states x out of what is laid out as the state y. */
+void ts_pick_states(const ts_model *m, const double *y, double *x)
 {
     int plain = plain_count(m), D = m->count[TS_D];
     for (int half = 0; half < 2; half++, y += m->nq) {
@@ -46,7 +47,8 @@ static void pick(const ts_model *m, const double *y, double *x)
     memcpy(x, y, BOOKED * sizeof(double));
 }
 
-static void put(const ts_model *m, const double *x, double *y)
+/* And back. */
+void ts_put_states(const ts_model *m, const double *x, double *y)
 {
     int plain = plain_count(m), D = m->count[TS_D];
     for (int half = 0; half < 2; half++, y += m->nq) {
@@ -95,7 +97,7 @@ void ts_continuous_nominals(const ts_sim *sim, double *x)
 int ts_continuous_states(const ts_sim *sim, double *x)
 {
     if (!sim->memory.started) return TS_BAD_STEP;
-    pick(&sim->m, sim->state.y, x);
+    ts_pick_states(&sim->m, sim->state.y, x);
     return TS_OK;
 }
 
@@ -103,7 +105,7 @@ int ts_set_continuous_states(ts_sim *sim, const double *x)
 {
     if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
     if (!ts_all_finite(x, ts_continuous_count(sim))) return ts_say(sim, TS_BAD_INPUT, "a state is not a finite number");
-    put(&sim->m, x, sim->state.y);
+    ts_put_states(&sim->m, x, sim->state.y);
     return TS_OK;
 }
 
@@ -157,7 +159,7 @@ int ts_continuous_derivatives(ts_sim *sim, double *dx)
 {
     int status = evaluate(sim);
     if (status != TS_OK) return status;
-    pick(&sim->m, sim->start.f, dx);
+    ts_pick_states(&sim->m, sim->start.f, dx);
     add_powers(sim, dx + ts_continuous_count(sim) - BOOKED);
     return TS_OK;
 }
@@ -170,7 +172,7 @@ int ts_step_derivatives(ts_sim *sim, double *dx)
     ts_swap_applied(sim);
     ts_derive(sim);
     ts_rhs(sim, memory.last_step, sim->state.y, sim->start.f);
-    pick(&sim->m, sim->start.f, dx);
+    ts_pick_states(&sim->m, sim->start.f, dx);
     add_powers(sim, dx + ts_continuous_count(sim) - BOOKED);
     ts_swap_back(sim);
     sim->memory = memory;

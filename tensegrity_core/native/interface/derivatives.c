@@ -1,0 +1,166 @@
+/* First derivatives for a host: how states' derivatives, outputs and event indicators change with states, inputs and parameters, as
+ * products of their Jacobian or of its transpose with a vector. */
+#include "interface/continuous.h"
+#include "interface/message.h"
+#include "laws/curves.h"
+#include "linear/chain.h"
+#include "model/data.h"
+#include "motion/differentials.h"
+#include "motion/motion.h"
+#include "motion/output_differentials.h"
+#include "motion/outputs.h"
+#include "tensegrity.h"
+
+#include <string.h>
+
+/* What the caller's memory holds, before the numbers, the weights and the indices of the chain. */
+typedef struct {
+    ts_differentials d;
+    double *z; /* (d.at.size) */
+    int32_t ready;
+} workspace;
+
+static void write_rows(ts_differentials *d, int weights)
+{
+    ts_chain_begin(&d->chain, weights);
+    ts_differentiate_motion(d);
+    ts_differentiate_outputs(d);
+    ts_chain_end(&d->chain);
+}
+
+/* Of the larger of the two, that of the start: its places, and how many rows and terms it has. */
+static ts_differentials largest(const ts_sim *sim)
+{
+    ts_differentials d;
+    memset(&d, 0, sizeof d);
+    d.sim = sim;
+    d.Q = sim->linear.work;
+    d.start = 1;
+    ts_place_differentials(&d);
+    write_rows(&d, 0);
+    return d;
+}
+
+static size_t bytes_of(const ts_differentials *d)
+{
+    const size_t rows = (size_t)d->chain.rows, terms = (size_t)d->chain.terms;
+    return sizeof(workspace) + sizeof(double) * ((size_t)d->at.size + terms) + sizeof(int32_t) * (terms + 2 * rows + 1);
+}
+
+int32_t ts_known_count(const ts_sim *sim) { return ts_continuous_count(sim) + sim->m.n_applied; }
+
+int32_t ts_unknown_count(const ts_sim *sim)
+{
+    return 2 * ts_continuous_count(sim) + sim->m.n_real - sim->m.n_applied + ts_indicator_count(sim);
+}
+
+size_t ts_derivatives_size(const ts_sim *sim)
+{
+    const ts_differentials d = largest(sim);
+    return bytes_of(&d);
+}
+
+/* A force curve is compiled from these, and nothing here knows how. */
+int ts_differentiable(const ts_sim *sim, int32_t known)
+{
+    const ts_model *m = &sim->m;
+    const int32_t i = known - ts_continuous_count(sim), stiffness = m->at[TS_STIFFNESS];
+    if (i >= stiffness && i < m->at[TS_STIFFNESS + 1]) return !ts_has_memory(m, i - stiffness);
+    return i < m->at[TS_NSH_Q] || i >= m->at[TS_NSH_H + 1];
+}
+
+/* The state is as ts_initialize() has just left it. */
+static int look_at_start(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    const size_t applied = sizeof(double) * (size_t)m->n_applied, slopes = 2 * sizeof(double) * (size_t)m->n_inputs;
+    if (!sim->memory.started || memcmp(sim->io.values, sim->io.applied, applied) ||
+        memcmp(sim->io.slopes, sim->io.applied_slopes, slopes))
+        return ts_say(sim, TS_BAD_STEP, "initialize first, with the present inputs and parameters");
+    const ts_memory memory = sim->memory;
+    ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
+    sim->memory = memory; /* looking is not counted */
+    return TS_OK;
+}
+
+int ts_share_derivatives(ts_sim *sim, void *work, size_t size)
+{
+    workspace *w = (workspace *)work;
+    const ts_differentials most = largest(sim);
+    if (!work || size < bytes_of(&most)) return ts_say(sim, TS_BAD_STEP, "the memory is too small for derivatives");
+    w->d = most;
+    w->ready = 0;
+    w->z = (double *)(void *)(w + 1);
+    w->d.chain.weight = w->z + most.at.size;
+    w->d.chain.from = (int32_t *)(void *)(w->d.chain.weight + most.chain.terms);
+    w->d.chain.to = w->d.chain.from + most.chain.terms;
+    w->d.chain.first = w->d.chain.to + most.chain.rows;
+    write_rows(&w->d, 0);
+    return TS_OK;
+}
+
+int ts_differentiate(ts_sim *sim, int start, void *work)
+{
+    workspace *w = (workspace *)work;
+    w->ready = 0;
+    if (w->d.start != (start != 0)) {
+        w->d.start = start != 0;
+        write_rows(&w->d, 0);
+    }
+    int status = start ? look_at_start(sim) : ts_continuous_derivatives(sim, w->z);
+    if (status != TS_OK) return status;
+    ts_forces(sim, 0.0, sim->state.y, sim->linear.work);
+    ts_outputs(sim, 0.0);
+    write_rows(&w->d, 1);
+    if (!ts_all_finite(w->d.chain.weight, w->d.chain.terms))
+        return ts_say(sim, TS_NOT_FINITE, "a derivative is not a finite number; lower the loads");
+    w->ready = 1;
+    return TS_OK;
+}
+
+/* Numbers of the chain for a product: 0, but those that are given. */
+static double *cleared(workspace *w)
+{
+    memset(w->z, 0, sizeof(double) * (size_t)w->d.at.size);
+    return w->z;
+}
+
+static int finite(ts_sim *sim, const double *x, int32_t count)
+{
+    if (ts_all_finite(x, count)) return TS_OK;
+    return ts_say(sim, TS_NOT_FINITE, "a product with the derivatives is not a finite number");
+}
+
+int ts_directional(ts_sim *sim, void *work, const double *known, double *unknown)
+{
+    workspace *w = (workspace *)work;
+    const ts_model *m = &sim->m;
+    const int32_t states = ts_continuous_count(sim), outputs = m->n_real - m->n_applied;
+    if (!w->ready) return ts_say(sim, TS_BAD_STEP, "differentiate first");
+    double *z = cleared(w);
+    ts_put_states(m, known, z + w->d.at.y);
+    memcpy(z + w->d.at.values, known + states, sizeof(double) * (size_t)m->n_applied);
+    ts_chain_forward(&w->d.chain, z);
+    ts_pick_states(m, z + w->d.at.y, unknown);
+    ts_pick_states(m, z + w->d.at.dy, unknown + states);
+    memcpy(unknown + 2 * states, z + w->d.at.outputs, sizeof(double) * (size_t)outputs);
+    memcpy(unknown + 2 * states + outputs, z + w->d.at.indicators, sizeof(double) * (size_t)ts_indicator_count(sim));
+    return finite(sim, unknown, ts_unknown_count(sim));
+}
+
+int ts_adjoint(ts_sim *sim, void *work, const double *unknown, double *known)
+{
+    workspace *w = (workspace *)work;
+    const ts_model *m = &sim->m;
+    const int32_t states = ts_continuous_count(sim), outputs = m->n_real - m->n_applied;
+    if (!w->ready) return ts_say(sim, TS_BAD_STEP, "differentiate first");
+    double *z = cleared(w);
+    ts_put_states(m, unknown, z + w->d.at.y);
+    ts_put_states(m, unknown + states, z + w->d.at.dy);
+    memcpy(z + w->d.at.outputs, unknown + 2 * states, sizeof(double) * (size_t)outputs);
+    memcpy(z + w->d.at.indicators, unknown + 2 * states + outputs, sizeof(double) * (size_t)ts_indicator_count(sim));
+    ts_chain_backward(&w->d.chain, z);
+    ts_pick_states(m, z + w->d.at.y, known);
+    memcpy(known + states, z + w->d.at.values, sizeof(double) * (size_t)m->n_applied);
+    return finite(sim, known, ts_known_count(sim));
+}

@@ -1,0 +1,180 @@
+"""Analytic derivatives of the continuous-time view, against differences and against each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tensegrity_core.errors import InputError, SimulationError
+from tensegrity_core.kernel import Kernel
+from tensegrity_core.kernel.continuous import ContinuousView
+from tensegrity_core.kernel.derivatives import Derivatives
+from tensegrity_core.scene import builtin_scenes
+from tests.support import scene
+from tests.support.derivative_states import Bench
+from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, built
+from tests.support.element_scenes import STRINGS, mast
+
+DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT}
+SEEN = 1e-7  # of what differences say
+
+
+def model_of(name, law):
+    found = scene(name) if name in builtin_scenes() else built(DRIVEN[name]) if name in DRIVEN else mast(name)
+    return replace(found, damping_law=law)
+
+
+def compare(bench):
+    """All products at the state at hand: largest difference, relative, and that of the transposed products."""
+    d, kernel, n = bench.derivatives, bench.kernel, bench.view.size
+    d.look()
+    J, sizes, left = d.matrix(), np.abs(bench.unknowns()), 0
+    for j in range(n + kernel.layout["bar_mass"].start):
+        if not d.differentiable(j):
+            continue
+        differences, h = bench.column(j)
+        if bench.left:
+            left += 1
+            continue
+        allowed = SEEN * np.abs(differences) + 2e-13 * (1.0 + sizes) / h + 1e-11
+        wrong = np.abs(differences - J[:, j]) > allowed
+        assert not wrong.any(), (j, np.flatnonzero(wrong), differences[wrong], J[wrong, j])
+    assert left <= 2
+    d.look()
+    for _ in range(3):
+        seed, weights = bench.random.normal(size=d.knowns), bench.random.normal(size=d.unknowns)
+        along, back = d.directional(seed), d.adjoint(weights)
+        scale = np.abs(weights) @ np.abs(J) @ np.abs(seed)
+        assert abs(weights @ along - back @ seed) <= 1e-14 * scale
+        assert np.abs(along - J @ seed).max() <= 1e-13 * (np.abs(J) @ np.abs(seed)).max()
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+@pytest.mark.parametrize("name", [*builtin_scenes(), *DRIVEN, *STRINGS])
+def test_products_equal_differences(name, law):
+    """At random states, on every piece of every law: to 1e-7, all unknowns by all states, inputs and tunable parameters."""
+    model = model_of(name, law)
+    bench = Bench(model)
+    counts = [len(bench.kernel.breakpoints(s)) + 1 for s in range(len(model.strings))]
+    for trial in range(max([*counts, 2])):
+        bench.shake(trial)
+        compare(bench)
+    assert {(s, p) for s, p, _ in bench.pieces} == {(s, p) for s, count in enumerate(counts) for p in range(count)}
+
+
+def at_start(kernel, view):
+    """What is differentiated at the start, under the present values."""
+    kernel.initialize()
+    outputs = kernel.values[kernel.first_output :].copy()
+    return np.concatenate([view.states, view.derivatives(), outputs, view.event_indicators()])
+
+
+@pytest.mark.parametrize("name", ["three_bar_nsh", "two_bar", *DRIVEN, "memory", "chain"])
+def test_the_start_is_differentiated_by_start_values_and_fixed_parameters(name):
+    """Masses move the centres of mass and the inertias, a moved node's velocity gives its bar an impulse."""
+    kernel = Kernel(model_of(name, "literal"))
+    view, random = ContinuousView(kernel), np.random.default_rng(5)
+    d = Derivatives(view)
+    for field in ("force", "rest_length_rate", "current", "drum_load", "node_velocity", "node_acceleration"):
+        kernel[field][:] += random.normal(size=len(kernel[field]))
+    kernel.initialize()
+    d.look(start=True)
+    J, sizes, kept = d.matrix(), np.abs(at_start(kernel, view)), kernel.values.copy()
+    compared = 0
+    for j in range(kernel.layout["position"].start):
+        if not d.differentiable(view.size + j) or kernel.place(j)[0] in ("tolerance", "max_step"):
+            continue
+        found, h = [], 5e-5 if kernel.place(j)[0] in ("rest_length", "node_position") else 1e-3 * max(abs(kept[j]), 0.05)
+        for step in (h, h / 2.0, h / 4.0):
+            kernel.values[j] = kept[j] + step
+            above = at_start(kernel, view)
+            kernel.values[j] = kept[j] - step
+            found.append((above - at_start(kernel, view)) / (2.0 * step))
+            kernel.values[j] = kept[j]
+        first, second = (4.0 * found[1] - found[0]) / 3.0, (4.0 * found[2] - found[1]) / 3.0
+        differences, column = (16.0 * second - first) / 15.0, J[:, view.size + j]
+        allowed = SEEN * np.abs(differences) + 2e-13 * (1.0 + sizes) / h + 1e-11
+        assert (np.abs(differences - column) <= allowed).all(), (kernel.place(j), differences, column)
+        compared += np.count_nonzero(column)
+    assert compared > 10
+    seed, weights = random.normal(size=d.knowns), random.normal(size=d.unknowns)
+    scale = np.abs(weights) @ np.abs(J) @ np.abs(seed)
+    assert abs(weights @ d.directional(seed) - d.adjoint(weights) @ seed) <= 1e-14 * scale
+
+
+def test_accelerations_have_the_jacobian_of_implicit_methods():
+    bench = Bench(model_of("laboratory", "literal"))
+    bench.shake(1)
+    d, kernel = bench.derivatives, bench.kernel
+    d.look()
+    Jq, Jv, _ = kernel.jacobian(kernel.state)
+    plain = bench.half - len(bench.model.actuated)  # without the padding of the motors' blocks
+    rates = slice(bench.view.size + bench.half, bench.view.size + bench.half + plain)
+    J = d.matrix()[rates]
+    assert np.abs(J[:, :plain] - Jq[:plain, :plain]).max() <= 1e-12 * np.abs(Jq).max()
+    assert np.abs(J[:, bench.half : bench.half + plain] - Jv[:plain, :plain]).max() <= 1e-12 * np.abs(Jv).max()
+
+
+def test_a_derivative_of_an_input_takes_the_place_of_another():
+    """Where a rest length has a slope, its rate counts no more."""
+    kernel = Kernel(scene("three_bar"))
+    kernel.initialize()
+    d = Derivatives(ContinuousView(kernel))
+    d.look()
+    rates, tensions = d.known("rest_length_rate"), d.output("string_force")
+    assert np.array_equal(np.diag(d.matrix()[tensions, rates]), -scene("three_bar").damping)
+    kernel.slopes[0, kernel.layout["rest_length"].start] = 0.1
+    d.look()
+    assert np.array_equal(np.diag(d.matrix()[tensions, rates]), [0.0, *-scene("three_bar").damping[1:]])
+
+
+def test_looking_changes_nothing_but_the_outputs():
+    kernel = Kernel(scene("six_bar_nsh"))
+    kernel.initialize()
+    kernel.step(0.1)
+    d = Derivatives(ContinuousView(kernel))
+    before = kernel.save()
+    with pytest.raises(InputError, match="initialize first"):
+        kernel["force"][0] = 1.0
+        d.look(start=True)
+    kernel.restore(before)
+    d.look()
+    kernel["position"][:] = 0.0
+    d.look()
+    kernel.step(0.1)
+    after = kernel.save()
+    kernel.restore(before)
+    kernel.step(0.1)
+    one, other = np.frombuffer(kernel.save()[:-8], np.uint8), np.frombuffer(after[:-8], np.uint8)
+    assert np.count_nonzero(one != other) <= 8  # the count of right-hand sides
+
+
+def test_what_cannot_be_differentiated_is_refused():
+    model = scene("three_bar_nsh")
+    kernel = Kernel(model)
+    view = ContinuousView(kernel)
+    d = Derivatives(view)
+    seed = np.zeros(d.knowns)
+    with pytest.raises(InputError, match="initialize first"):
+        d.look()
+    with pytest.raises(InputError, match="differentiate first"):
+        d.directional(seed)
+    kernel.initialize()
+    x = view.states
+    x[len(x) // 2] = 1e300
+    view.set(0.0, x)
+    with pytest.raises(SimulationError):
+        d.look()
+    with pytest.raises(InputError, match="differentiate first"):
+        d.adjoint(np.zeros(d.unknowns))
+    kernel.initialize()
+    d.look()
+    with pytest.raises(SimulationError, match="not a finite number"):
+        d.directional(seed + 1e308)
+    with pytest.raises(InputError):
+        d.directional(seed[1:])
+    curves = [name for name in ("nsh_Q", "nsh_zeta", "nsh_h", "stiffness", "damping", "bar_mass") if
+              not d.differentiable(d.known(name).start)]  # fmt: skip
+    assert curves == ["nsh_Q", "nsh_zeta", "nsh_h"]
+    memory = Derivatives(ContinuousView(Kernel(mast("memory"))))
+    assert not memory.differentiable(memory.known("stiffness").start)
