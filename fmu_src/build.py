@@ -27,11 +27,15 @@ def build(
     kind: Annotated[
         str, typer.Option(metavar="NAME", help="cs: co-simulation; me: model exchange, native only; both: in one FMU.")
     ] = "cs",
+    fmi: Annotated[str, typer.Option(metavar="VERSION", help="2.0, or 3.0: native only, vectors are arrays.")] = "2.0",
     platforms: Annotated[
         str, typer.Option(metavar="NAMES", help="Beside this one: linux64, win64 ... with commas between them, or all.")
     ] = "",
     sources: Annotated[
         bool, typer.Option("--sources", help="Native FMUs that can be compiled from their sources, too.")
+    ] = False,
+    no_binaries: Annotated[
+        bool, typer.Option("--no-binaries", help="With --sources: nothing else, to be compiled where it is to run.")
     ] = False,
     simple_types: Annotated[
         bool,
@@ -68,12 +72,15 @@ def build(
     from . import builds
 
     runtime, naming = one_of("--runtime", runtime, RUNTIMES), one_of("--naming", naming, NAMINGS)
+    native = kind != "cs" or fmi != "2.0" or no_binaries
     options = builds.Options(
         scenes=(*(builtin_scenes() if all else ()), *(scenes or ())),
-        runtimes=(runtime,) if runtime != "both" else ("native", "python") if kind == "cs" else ("native",),
+        runtimes=(runtime,) if runtime != "both" else ("native",) if native else ("native", "python"),
+        fmi=fmi,
         kind=kind,
         platforms=builds.platforms(platforms),
         sources=sources,
+        binaries=not no_binaries,
         simple=simple_types,
         page=not no_page,
         cross_check=cross_check,

@@ -225,8 +225,8 @@ def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Pat
 def judged(copy: Path, run_name: str) -> str:
     """What is said of an FMU of the copy that fails under one of the runs, the others left out."""
     code = (
-        "import sys\nfrom fmu_src import build, builds\nfrom fmu_src.validation.trials import trials\n"
-        "builds.trials = lambda model: [one for one in trials(model) if one.name.startswith(sys.argv[1])]\n"
+        "import sys\nfrom fmu_src import build\nfrom fmu_src.builds import judgement\nfrom fmu_src.validation.trials import trials\n"
+        "judgement.trials = lambda model: [one for one in trials(model) if one.name.startswith(sys.argv[1])]\n"
         "sys.exit(build.main('two_bar --output dist --runtime native --no-page'.split()))\n"
     )
     return run(copy, "-c", code, run_name, code=1)

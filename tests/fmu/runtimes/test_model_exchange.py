@@ -15,7 +15,8 @@ import pytest
 from fmpy import extract, read_model_description, simulate_fmu
 
 from fmu_src.build import main
-from fmu_src.builds import BOTH, Options, file_and_report, hosted
+from fmu_src.builds import Options
+from fmu_src.builds.judgement import BOTH, file_and_report, hosted
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.validation import exchange
 from fmu_src.validation.compare import HOSTED_LEDGER_BOUND, compare

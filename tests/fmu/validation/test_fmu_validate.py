@@ -16,6 +16,7 @@ import pytest
 import tensegrity_core
 from fmu_src import build as build_fmu
 from fmu_src import builds
+from fmu_src.builds import judgement, packs
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.validation import compare, sensitivity, validate, worst
 from fmu_src.validation.compare import series
@@ -418,8 +419,8 @@ def test_speed_is_measured(fmus):
 @pytest.fixture
 def brief(monkeypatch):
     """Validation under one short scenario instead of the long ones, in this process."""
-    monkeypatch.setattr(builds, "trials", lambda model: [short(model)])
-    monkeypatch.setattr(builds, "workers", Here)
+    monkeypatch.setattr(judgement, "trials", lambda model: [short(model)])
+    monkeypatch.setattr(judgement, "workers", Here)
 
 
 def test_build_and_validate(brief, tmp_path, capsys):
@@ -446,7 +447,7 @@ def unmade(say, told):
 
 
 def test_where_no_page_can_be_made_that_is_said_once(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(builds, "parts", unmade)
+    monkeypatch.setattr(packs, "parts", unmade)
     assert build_fmu.main(["two_bar", "three_bar", "--no-validate", "--output", str(tmp_path)]) == 0
     told = "note: FMUs and reports come without the page in which the scene moves: "
     assert capsys.readouterr().err == f"{told}the page is built once, which takes: pip install something\n"
@@ -459,7 +460,7 @@ def test_where_no_page_can_be_made_that_is_said_once(tmp_path, capsys, monkeypat
 @pytest.mark.parametrize("made", [False, True])
 def test_a_page_stands_beside_the_reports_where_it_can(made, brief, tmp_path, capsys, monkeypatch):
     parts = (lambda say, told: Parts("@MODEL@", "", "", b"")) if made else unmade
-    monkeypatch.setattr(builds, "parts", parts)
+    monkeypatch.setattr(packs, "parts", parts)
     assert build_fmu.main(["two_bar", "--runtime", "native", "--output", str(tmp_path / "ü #1")]) == 0
     report, page = tmp_path / "ü #1" / "native" / "two_bar.html", tmp_path / "ü #1" / "two_bar_live.html"
     lines = capsys.readouterr().out.splitlines()
@@ -506,6 +507,13 @@ def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys
         ("--platforms win64,amiga --runtime python", "no platform is called 'amiga'; use linux64, win64"),
         ("--runtime python --sources --cross-check there", "--sources, --cross-check: for native FMUs"),
         ("--no-validate --thorough", "--thorough is a kind of validation"),
+        ("--fmi 3.0 --runtime python", "the Python runtime has co-simulation of FMI 2.0 only; give --runtime native"),
+        ("--fmi 4.0", "--fmi 4.0: FMUs are not written in that version; use 2.0 or 3.0"),
+        ("--fmi 3.0 --detach-actuators --ssp 2.0", "--fmi 3.0 does not go with --ssp"),
+        ("--no-binaries --no-validate", "--no-binaries leaves nothing that could run: give --sources, too"),
+        ("--no-binaries --sources", "validated: give --no-validate, too"),
+        ("--no-binaries --sources --no-validate --platforms win64", "leave --platforms out"),
+        ("--no-binaries --sources --no-validate --runtime python", "--sources, --no-binaries: for native FMUs"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(words, told, capsys):
@@ -529,6 +537,7 @@ def asked(monkeypatch):
 def test_blanks_between_platforms_do_not_matter(asked):
     assert asked(["two_bar", "--platforms", " linux64, win64 ,"]).platforms == ("linux64", "win64")
     assert asked(["two_bar", "--platforms", "all"]).platforms == tuple(TARGETS)
+    assert asked(["two_bar", "--platforms", "x86_64-windows,win64"]).platforms == ("win64",)  # FMI 3.0 calls it so
 
 
 def test_references_are_kept_unless_asked_otherwise(asked):
@@ -573,10 +582,10 @@ def test_a_remark_names_what_was_compared_for_a_part_only():
         made = [validate.Run(run, None, {}, whole, replace(whole, until=until.get(run.name, 5.0)), 1e-4, False) for run in runs]
         return validate.Validation(scene("two_bar"), "native", tuple(made))
 
-    assert builds.remark(validation()) == ""
+    assert judgement.remark(validation()) == ""
     one = validation(square_wave_0_1d=0.24)
-    assert builds.row(one).endswith("x  square wave at d/10 compared until 0.24 s, as far as its sensitivity allows")
-    shown = builds.remark(validation(square_wave_0_1d=0.24, push_1d=1.5))
+    assert judgement.row(one).endswith("x  square wave at d/10 compared until 0.24 s, as far as its sensitivity allows")
+    shown = judgement.remark(validation(square_wave_0_1d=0.24, push_1d=1.5))
     assert "d/10 compared until 0.24 s; push at d compared until 1.5 s, as far as their" in shown
 
 
