@@ -28,6 +28,7 @@ static const char *position(int mode)
     case MODE_STEPPING: return "after fmi%dExitInitializationMode";
     case MODE_EVENT: return "in Event Mode";
     case MODE_CONTINUOUS: return "in Continuous-Time Mode";
+    case MODE_INTERMEDIATE: return "while a step is under way";
     case MODE_TERMINATED: return "after fmi%dTerminate";
     default: return "after an error; reset the instance or put a saved state back";
     }

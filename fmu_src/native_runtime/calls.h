@@ -62,7 +62,7 @@ typedef struct {
     void (*logger)(void);
     fmu_kind kind;
     const char *name, *token, *location;
-    int logging, event_mode;
+    int logging;
 } fmu_request;
 
 instance *fmu_instantiate(const fmu_request *request); /* NULL: there is none */
@@ -87,7 +87,10 @@ fmu_status fmu_set_integers(instance *fmu, const char *what, const uint32_t vr[]
 
 /* cosimulation.c --------------------------------------------------------------------------------------------------------- */
 
-fmu_status fmu_step(instance *fmu, const char *what, double point, double h);
+/* `look`, unless it is NULL, is called at internal steps and transitions, in MODE_INTERMEDIATE and at the instance's time then;
+ * the step ends there where it returns 1.  The instance's time says how far the step went. */
+typedef int (*fmu_looker)(instance *fmu, int at_transition);
+fmu_status fmu_step(instance *fmu, const char *what, double point, double h, fmu_looker look);
 fmu_status fmu_set_input_derivatives(instance *fmu, const char *what, const uint32_t vr[], size_t n, const int order[],
                                      const double value[]);
 fmu_status fmu_get_output_derivatives(instance *fmu, const char *what, const uint32_t vr[], size_t n, const int order[],
@@ -99,6 +102,7 @@ fmu_status fmu_get_output_derivatives(instance *fmu, const char *what, const uin
  * 0: there are none. */
 enum { VIEW_OUTPUTS = 1, VIEW_STATES = 2, VIEW_DERIVATIVES = 4, VIEW_INDICATORS = 8 };
 int fmu_view(instance *fmu, int what, const char *caller);
+int fmu_look_within(instance *fmu, int what, const char *caller); /* the same within a step */
 
 fmu_status fmu_enter_event(instance *fmu, const char *what);
 fmu_status fmu_update_discrete(instance *fmu, const char *what, int *states_changed);

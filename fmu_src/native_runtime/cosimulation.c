@@ -48,15 +48,41 @@ static fmu_status wrong_size(instance *fmu, double point, double h)
     return discard(fmu, point, why);
 }
 
-fmu_status fmu_step(instance *fmu, const char *what, double point, double h)
+/* Somebody looks into a step.  Times are the host's; point: at the step's start, where the kernel's clock shows `start`. */
+typedef struct {
+    instance *fmu;
+    fmu_looker look;
+    double point, start, end;
+} looking;
+
+static int look_in(void *context, ts_sim *sim, ts_moment moment)
+{
+    const looking *l = (const looking *)context;
+    instance *fmu = l->fmu;
+    fmu->time = fmin(l->point + (ts_time(sim) - l->start), l->end);
+    fmu->viewed = fmu->derivatives_ready = 0;
+    fmu->mode = MODE_INTERMEDIATE;
+    int ends = l->look(fmu, moment == TS_AT_TRANSITION);
+    if (fmu->mode != MODE_INTERMEDIATE) return TS_GIVE_UP; /* a call that must not be made there */
+    fmu->mode = MODE_STEPPING;
+    return ends ? TS_END_HERE : TS_GO_ON;
+}
+
+fmu_status fmu_step(instance *fmu, const char *what, double point, double h, fmu_looker look)
 {
     char why[320];
+    const double before = fmu->time, end = point + h;
+    double done = h;
     if (!(h > 0.0) || !isfinite(h)) return wrong_size(fmu, point, h);
     if (wrong_time(fmu, point, h, why, sizeof why)) return fmu_error(fmu, what, why);
-    int status = ts_step(fmu->sim, h);
+    looking l = {fmu, look, point, ts_time(fmu->sim), end};
+    int status = look ? ts_step_watched(fmu->sim, h, look_in, &l, &done) : ts_step(fmu->sim, h);
+    fmu->derivatives_ready = fmu->viewed = 0;
+    if (status != TS_OK) fmu->time = before;
+    if (fmu->mode == MODE_ERROR) return FMU_ERROR;
     if (status != TS_OK) return discard(fmu, point, fmu_refusal(fmu, status, why, sizeof why));
-    fmu->discarded = fmu->derivatives_ready = fmu->viewed = 0;
-    fmu->time = point + h;
+    fmu->discarded = 0;
+    if (done >= h) fmu->time = end;
     fmu_log_events(fmu);
     return FMU_OK;
 }

@@ -40,6 +40,19 @@ int fmu_view(instance *fmu, int what, const char *caller)
     return 1;
 }
 
+int fmu_look_within(instance *fmu, int what, const char *caller)
+{
+    what &= ~fmu->viewed;
+    if ((what & VIEW_OUTPUTS) && !computed(fmu, ts_look(fmu->sim), caller)) return 0;
+    if ((what & VIEW_STATES) && !computed(fmu, ts_continuous_states(fmu->sim, fmu->states), caller)) return 0;
+    if (what & (VIEW_DERIVATIVES | VIEW_INDICATORS)) {
+        fmu_refuse(fmu, caller, "derivatives of states and event indicators are not computed while a step is under way");
+        return 0;
+    }
+    fmu->viewed |= what;
+    return 1;
+}
+
 /* -------------------------------------------------------------------------------------------------------------- events */
 
 fmu_status fmu_enter_event(instance *fmu, const char *what)

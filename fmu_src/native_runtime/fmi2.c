@@ -31,7 +31,7 @@ static const fmu_standard version = {2, "GUID", "Real", "Integer", "resource loc
 FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
                                           const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
 {
-    fmu_request request = {__func__, &version, NULL, NULL, FMU_CO_SIMULATION, name, guid, location, logging, 0};
+    fmu_request request = {__func__, &version, NULL, NULL, FMU_CO_SIMULATION, name, guid, location, logging};
     (void)visible;
     if (functions) {
         request.environment = functions->componentEnvironment;

@@ -5,7 +5,7 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real point, fmi2Real h, f
 {
     REQUIRE(c, MODE_STEPPING, FMU_ERROR);
     (void)no_set_state_prior;
-    return (fmi2Status)fmu_step(fmu, __func__, point, h);
+    return (fmi2Status)fmu_step(fmu, __func__, point, h, NULL);
 }
 
 FMI2_Export fmi2Status fmi2CancelStep(fmi2Component c)

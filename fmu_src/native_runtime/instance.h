@@ -23,7 +23,8 @@ enum {
     MODE_ERROR = 16, /* until the instance is reset, freed or put back into a saved state */
     MODE_EVENT = 32, /* model exchange, and co-simulation of a host that asked for it */
     MODE_CONTINUOUS = 64,
-    MODE_ANY = 127
+    MODE_ANY = 127,
+    MODE_INTERMEDIATE = 128 /* within a step, while the host looks at what has been reached; never saved */
 };
 
 /* Log categories, in the order of LOG_CATEGORIES in model_description.py. */
@@ -68,15 +69,17 @@ typedef struct instance {
     int log[LOG_CATEGORIES];
     uint64_t identity; /* of the FMU, from its GUID: saved states are bound to it */
     fmu_kind kind;
-    int32_t event_mode;      /* co-simulation: the host has asked for Event Mode */
-    int32_t counted;         /* references of the kernel's blocks; behind them those of states and derivatives, see
+    int32_t event_mode;         /* co-simulation: the host has asked for Event Mode */
+    int32_t early_return;       /* co-simulation: a step may end before its time */
+    void (*intermediate)(void); /* co-simulation: the host's, of the standard's type; NULL: it does not look into steps */
+    int32_t counted;            /* references of the kernel's blocks; behind them those of states and derivatives, see
                               * variables/states.py */
-    int32_t state_count;     /* continuous states; 0: the FMU has no variables for them, and is no model exchange FMU */
-    int32_t indicator_count; /* event indicators; 0 where there are no states */
-    double *states;          /* (2, state_count) states and derivatives, as far as `viewed`; owned */
-    double *indicators;      /* (indicator_count) as far as `viewed`; behind `states` */
-    int32_t viewed;          /* what has been computed at the present time, states and inputs: bits VIEW_... of calls.h */
-    double tolerance;        /* the FMU's own, which keeps its promise; a host's may be tighter */
+    int32_t state_count;        /* continuous states; 0: the FMU has no variables for them, and is no model exchange FMU */
+    int32_t indicator_count;    /* event indicators; 0 where there are no states */
+    double *states;             /* (2, state_count) states and derivatives, as far as `viewed`; owned */
+    double *indicators;         /* (indicator_count) as far as `viewed`; behind `states` */
+    int32_t viewed;             /* what has been computed at the present time, states and inputs: bits VIEW_... of calls.h */
+    double tolerance;           /* the FMU's own, which keeps its promise; a host's may be tighter */
 
     /* saved with the FMU state */
     int32_t mode;

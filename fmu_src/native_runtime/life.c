@@ -70,9 +70,9 @@ static int allocate(instance *fmu, char *why, size_t capacity)
 {
     if (!fmu->sim) return 0;
     if (fmu->kind == FMU_OTHER_KIND || (fmu->kind == FMU_MODEL_EXCHANGE && !fmu->state_count)) {
-        const char *all = "this FMU is for co-simulation and for model exchange, nothing else";
-        const char *one = "this FMU is for co-simulation only; build it anew with --kind me or both";
-        snprintf(why, capacity, "%s", fmu->state_count ? all : one);
+        const char *kinds = fmu->state_count ? "co-simulation and for model exchange, nothing else" : "co-simulation only";
+        const char *remedy = fmu->kind == FMU_MODEL_EXCHANGE ? "; build it anew with --kind me or both" : "";
+        snprintf(why, capacity, "this FMU is for %s%s", kinds, remedy);
         return 0;
     }
     fmu->first_output = ts_output_first(fmu->sim);
@@ -96,7 +96,6 @@ instance *fmu_instantiate(const fmu_request *request)
     fmu->environment = request->environment;
     fmu->logger = request->logger;
     fmu->kind = request->kind;
-    fmu->event_mode = request->event_mode;
     for (int k = 0; k < LOG_CATEGORIES; k++) fmu->log[k] = fmu_always_said(fmu, k) || request->logging;
     const char *name = request->name, *title = name && *name ? name : "(no name)";
     if ((fmu->name = (char *)malloc(strlen(title) + 1))) strcpy(fmu->name, title);

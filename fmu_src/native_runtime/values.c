@@ -41,6 +41,7 @@ static fmu_status only_start_values(const instance *fmu, const char *what, const
 static fmu_status look(instance *fmu, const uint32_t vr[], size_t n, const char *what)
 {
     if (fmu->mode == MODE_INSTANTIATED) return only_start_values(fmu, what, vr, n);
+    if (fmu->mode == MODE_INTERMEDIATE) return fmu_look_within(fmu, needed(fmu, vr, n), what) ? FMU_OK : FMU_DISCARD;
     if (fmu->mode == MODE_INITIALIZATION && n && !fmu_refresh(fmu, what)) return FMU_DISCARD;
     return !fmu->state_count || fmu_view(fmu, needed(fmu, vr, n), what) ? FMU_OK : FMU_DISCARD;
 }

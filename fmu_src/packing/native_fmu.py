@@ -60,7 +60,7 @@ _PREFIX = """/* Names of all functions that other files of these sources call: w
 #define TS_PASTE_NAMES(a, b) a##b
 #define TS_PASTE(a, b) TS_PASTE_NAMES(a, b)
 {own}
-/* FMI's, too: some of its headers leave the prefix to others. */
+/* FMI's, too: some of its headers of FMI 2.0 leave the prefix to others. */
 {fmi}
 #endif
 """
@@ -162,7 +162,7 @@ def prefix_header(files: dict[str, bytes], version: int) -> bytes:
     prefix = f"FMI{version}_FUNCTION_PREFIX"
     headers = "\n".join(content.decode() for name, content in sorted(files.items()) if name.endswith(".h"))
     names = {name for name in _DECLARED.findall(headers) if name.startswith(("ts_", "fmu_", "variables_"))}
-    names |= {f"ts_{method}" for method in METHODS if method != "auto"} | {"fmu_categories"}
+    names |= {f"ts_{method}" for method in METHODS if method != "auto"} | {"fmu_categories", "fmu_version3"}
     own = [f"#define {name} TS_PASTE({prefix}, {name})" for name in sorted(names)]
     runtime = "\n".join(content.decode() for name, content in sorted(files.items()) if name.startswith("fmi"))
     exported = sorted(name for _, name in _EXPORTED.findall(runtime))
