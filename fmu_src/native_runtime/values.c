@@ -146,20 +146,29 @@ static void note_early(instance *fmu, const uint32_t vr[], size_t n)
     for (size_t i = 0; i < n; i++) fmu->tolerance_set |= (int32_t)vr[i] == fmu->table.tolerance;
 }
 
-/* What may be set; FMI 3.0: while a host integrates, also single states. */
+/* What may be set; while a host integrates, also single states: CasADi sets no others, in FMI 2.0 too. */
 static fmu_range writable(const instance *fmu)
 {
     fmu_range range = {fmu->standard->real, 0, fmu->table.reals, 0, 0};
-    if (fmu->standard->number == 2 || fmu->mode != MODE_CONTINUOUS) return range;
+    if (fmu->mode != MODE_CONTINUOUS) return range;
     range.other = fmu->table.reals;
     range.other_end = fmu->counted;
     range.end = fmu->counted + fmu->state_count - STATES_IN_BLOCK;
     return range;
 }
 
+/* The place of a variable among the continuous states that can be set now; -1: it is none. */
+static int32_t state_at(const instance *fmu, uint32_t vr)
+{
+    const int32_t at = (int32_t)vr, named = fmu->state_count - STATES_IN_BLOCK, integral = at - ts_integral_first(fmu->sim);
+    if (fmu->mode != MODE_CONTINUOUS) return -1;
+    if (at >= fmu->counted) return at - fmu->counted;
+    return integral >= 0 && integral < STATES_IN_BLOCK ? named + integral : -1;
+}
+
 static fmu_status judge_real(const instance *fmu, const char *what, uint32_t vr, double value)
 {
-    if (vr < (uint32_t)fmu->table.reals) {
+    if (state_at(fmu, vr) < 0) {
         if (may_be_set(fmu, vr) && accepts(&fmu->table, vr, value)) return FMU_OK;
         return judge(fmu, what, vr, value, fmu->values[vr]);
     }
@@ -170,20 +179,21 @@ static fmu_status judge_real(const instance *fmu, const char *what, uint32_t vr,
 
 fmu_status fmu_set_reals(instance *fmu, const char *what, const uint32_t vr[], size_t n, const double value[], size_t n_values)
 {
-    const uint32_t reals = (uint32_t)fmu->table.reals, first_state = (uint32_t)fmu->counted;
     const double *given = value;
     int states = 0;
     fmu_status status = fmu_look_up(fmu, what, vr, n, value, n_values, writable(fmu));
     for (size_t i = 0; status == FMU_OK && i < n; i++) {
-        states |= vr[i] >= reals;
+        states |= state_at(fmu, vr[i]) >= 0;
         for (uint32_t at = vr[i], end = at + (uint32_t)fmu_span(fmu, at); at < end && status == FMU_OK; at++)
             status = judge_real(fmu, what, at, *given++);
     }
     if (status != FMU_OK) return status;
     if (states && !fmu_view(fmu, VIEW_STATES, what)) return FMU_DISCARD;
     for (size_t i = 0; i < n; i++)
-        for (uint32_t at = vr[i], end = at + (uint32_t)fmu_span(fmu, at); at < end; at++)
-            *(at < reals ? fmu->values + at : fmu->states + (at - first_state)) = *value++;
+        for (uint32_t at = vr[i], end = at + (uint32_t)fmu_span(fmu, at); at < end; at++) {
+            const int32_t state = state_at(fmu, at);
+            *(state < 0 ? fmu->values + at : fmu->states + state) = *value++;
+        }
     note_early(fmu, vr, n);
     return states ? fmu_set_states(fmu, what, fmu->states, (size_t)fmu->state_count) : FMU_OK;
 }

@@ -125,6 +125,7 @@ TS_API int ts_restore(ts_sim *sim, const void *bytes, size_t size);
  * (m/s), or the energy dissipated or put in (J), in the order of interface/continuous.c. */
 enum { TS_STATES_CHANGED = 1, TS_DISCRETE_CHANGED = 2 };
 TS_API int32_t ts_continuous_count(const ts_sim *sim);
+TS_API int32_t ts_integral_first(const ts_sim *sim); /* where in the block the last two states begin, which are outputs */
 TS_API int32_t ts_indicator_count(const ts_sim *sim);
 TS_API void ts_continuous_nominals(const ts_sim *sim, double *x);
 TS_API int ts_continuous_states(const ts_sim *sim, double *x);

@@ -35,6 +35,8 @@ int32_t ts_continuous_count(const ts_sim *sim)
     return 2 * (plain_count(m) + m->count[TS_A]) + BOOKED;
 }
 
+int32_t ts_integral_first(const ts_sim *sim) { return sim->m.at[TS_DISSIPATED]; }
+
 /* The continuous states x out of what is laid out as the state y. */
 void ts_pick_states(const ts_model *m, const double *y, double *x)
 {
