@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from ..errors import InputError
 from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS, size
 from ..model.components import flattened
 from ..model.elements import Damper, Element, Parallel, Series
@@ -97,8 +98,13 @@ class _Programs:
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
     """The model as the packed bytes that the kernel reads; the layout stands in native/model/packed.c.
 
-    method, tolerance, max_step: defaults of the fields of these names.
+    method, tolerance, max_step: defaults of the fields of these names.  Raises InputError for a model beyond class 1.
     """
+    if model.joint:
+        raise InputError(
+            f"{model.name}: {model.joint}, which the kernel and FMUs cannot simulate yet; "
+            "use tensegrity_core.reference.simulate, or let every bar have its own nodes"
+        )
     axes = list(model.axes)
     counts = [model.counts[letter] for letter in COUNTS]
     z_axis = axes.index(2) if 2 in axes else -1

@@ -13,7 +13,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..quantities import array_of, floats, number, pairs_of
+from . import joints
 from .elements import Beam, Damper, Element, Series, remembers
+from .welds import Weld, rigid_bodies
 
 
 @dataclass(frozen=True)
@@ -78,9 +80,9 @@ class Model:
         axes: coordinate axes that the scene uses: (0, 1, 2), or two of them in a planar scene.
         node_names, bar_names, string_names: component names.
         nodes: (N, 3) start positions, m.
-        fixed: (N,) bool, nodes fixed to the ground.
+        fixed: (N,) bool, nodes fixed to the ground, along all axes that the scene uses.
         bars: (B, 2) int, nodes at the two ends; b = second - first.
-        bar_mass: (B,) kg.
+        bar_mass: (B,) kg; 0 of a bar between nodes that have another mass.
         strings: (S, 2) int, nodes at the two ends; s = second - first.
         stiffness: (S,) N/m; of an NSH string: its stiffness once the NSH has bottomed out.
         damping: (S,) N.s/m.
@@ -95,7 +97,11 @@ class Model:
         actuator: per string its actuator, or None; current: (A,) A, drum_load: (A,) N, their start values.
         point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order; a free node on no bar has one.
         drag: (node, N.s/m) of the nodes with viscous drag, in node order.
-        moving: fixed nodes whose motion is an input, in node order.
+        moving: nodes whose motion is an input, in node order: fixed ones, and partly fixed ones that `moving_axes` names.
+        partly_fixed: (node, axes) of the free nodes that are fixed along some of the scene's axes, in node order.
+        moving_axes: (node, axes) of the `moving` nodes that are moved along some of the axes along which they are fixed, and
+            not along all that the scene uses, in node order.
+        welds: bars that are one rigid body, weld by weld, rising.
     """
 
     name: str
@@ -125,6 +131,9 @@ class Model:
     point_mass: tuple[tuple[int, float], ...] = ()
     drag: tuple[tuple[int, float], ...] = ()
     moving: tuple[int, ...] = ()
+    partly_fixed: tuple[tuple[int, tuple[int, ...]], ...] = ()
+    moving_axes: tuple[tuple[int, tuple[int, ...]], ...] = ()
+    welds: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self):
         if np.size(self.gravity) == 1:
@@ -135,6 +144,9 @@ class Model:
             self._set(name, tuple((int(node), number(name, value)) for node, value in getattr(self, name)))
         for name in ("axes", "moving"):
             self._set(name, tuple(int(index) for index in getattr(self, name)))
+        for name in ("partly_fixed", "moving_axes"):
+            self._set(name, tuple((int(node), tuple(int(axis) for axis in axes)) for node, axes in getattr(self, name)))
+        self._set("welds", tuple(tuple(int(bar) for bar in weld) for weld in self.welds))
         for name in ("bars", "strings"):
             self._set(name, pairs_of(name, getattr(self, name)))
         for name in ("nsh", "element", "damper", "actuator"):
@@ -179,6 +191,43 @@ class Model:
     def free_nodes(self) -> np.ndarray:
         """(F,) indices of the nodes that can move."""
         return np.flatnonzero(~self.fixed)
+
+    @cached_property
+    def held(self) -> np.ndarray:
+        """(N, 3) bool: the axes along which a node is fixed, whether it is moved there or not."""
+        found = np.repeat(self.fixed[:, None], 3, axis=1)
+        for node, axes in self.partly_fixed:
+            found[node, list(axes)] = True
+        return found
+
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """(N, 3) bool: the axes along which a node's motion is an input; those that the scene uses only."""
+        found = np.zeros((len(self.nodes), 3), dtype=bool)
+        found[np.ix_(self.moving, self.axes)] = True
+        for node, axes in self.moving_axes:
+            found[node] = np.isin(np.arange(3), axes)
+        return found
+
+    @cached_property
+    def groups(self) -> tuple[joints.Group, ...]:
+        """The bars in groups that move each other, see `joints`."""
+        return joints.groups(self)
+
+    @cached_property
+    def joint(self) -> str:
+        """What of it is beyond class 1, the first of it in words; '' where nothing is."""
+        return joints.first_joint(self)
+
+    @cached_property
+    def redundant(self) -> np.ndarray:
+        """(B,) bool: bars whose forces their lengths leave open at the start, see `joints`."""
+        return joints.redundant_bars(self)
+
+    @cached_property
+    def bodies(self) -> tuple[Weld, ...]:
+        """The rigid bodies of welded bars, see `welds`."""
+        return rigid_bodies(self)
 
     @cached_property
     def lone_nodes(self) -> np.ndarray:

@@ -11,13 +11,14 @@ from ..model import Inputs
 from ..model.inputs import INPUTS
 from . import motors as actuator
 from .equations import bar_force_density, damping_tension, diagonal, elastic_tension, lengths, string_motion
+from .joints import Joints
 from .structure import Structure
 
 
 def ground_forces(s: Structure, Nddot, F, bars):
     """Forces of the ground on the structure (3, n) N: at the fixed nodes, what eq. 1 lacks there under the other forces F and
     those of the bars, B lambda C_b."""
-    return (Nddot.dot(s.M) - F - bars) * s.fixed
+    return (Nddot.dot(s.M) - F - bars) * s.held
 
 
 _Load: Any = make_dataclass("_Load", ["since", *((name, Any, 0.0) for name in INPUTS)], frozen=True)
@@ -34,9 +35,9 @@ def load_of(s: Structure, inputs: Inputs, k: int) -> Load:
     found = {name: getattr(inputs, name)[k] for name in INPUTS}
     for name, field in INPUTS.items():
         if "D" in field.shape:
-            found[name] = np.atleast_2d(found[name]).T * s.in_plane
+            found[name] = np.atleast_2d(found[name]).T * (s.moved_axes if "E" in field.shape else s.in_plane)
     home = s.model.nodes[s.moved.nodes].T
-    found["node_position"] = np.where(s.in_plane > 0.0, found["node_position"], home)
+    found["node_position"] = np.where(s.moved_axes > 0.0, found["node_position"], home)
     return Load(float(inputs.times[k]), **found)
 
 
@@ -130,6 +131,8 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
     F = external_force(s, load) + s.weight - (S * (strings.tension / xi)).dot(s.C_s)
     if len(s.dragged):
         F -= s.drag * Ndot
+    if s.joints is not None:
+        return _jointed_motion(s, s.joints, load, strings, N, Ndot, F, winding)
     free, moved = F, len(s.moved.nodes) > 0
     if moved:  # the columns of eq. 1 at the free nodes hold the accelerations of the others, too
         given = load.node_acceleration.dot(s.moved.select)
@@ -142,6 +145,15 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
         Nddot += given
     forces = ground_forces(s, Nddot, F, (B * lam).dot(s.C_b)) if ground or moved else None
     return Motion(strings, lam, Nddot, F, forces, motor_acceleration(s, load, strings, winding))
+
+
+def _jointed_motion(s: Structure, joints: Joints, load: Load, strings: Strings, N, Ndot, F, winding) -> Motion:
+    """The same of a model beyond class 1."""
+    given = load.node_acceleration.dot(s.moved.select)
+    solved = joints.motion(N, Ndot, F, given)
+    ground = ground_forces(s, solved.acceleration, F, solved.forces)
+    lam = solved.lam[: len(s.C_b)]
+    return Motion(strings, lam, solved.acceleration, F, ground, motor_acceleration(s, load, strings, winding))
 
 
 def motor_acceleration(s: Structure, load: Load, strings: Strings, winding):
@@ -191,7 +203,9 @@ def potential_energy(s: Structure, N) -> float:
 
 
 def on_constraints(s: Structure, N, Ndot) -> tuple[np.ndarray, np.ndarray]:
-    """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only."""
+    """N, Ndot moved back on |b| = l and b . bdot = 0, along the bars only; see `joints` for what shares nodes."""
+    if s.joints is not None:
+        return s.joints.back(N, Ndot)
     B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
     l2 = diagonal(B, B)
     change = s.model.bar_length / np.sqrt(l2) - 1.0
@@ -202,6 +216,8 @@ def on_constraints(s: Structure, N, Ndot) -> tuple[np.ndarray, np.ndarray]:
 
 def drift(s: Structure, N, Ndot) -> float:
     """Largest relative deviation of bar lengths; of b . bdot / l^2, in 1/s, or relative to velocities above 1 m/s."""
+    if s.joints is not None:
+        return s.joints.drift(N, Ndot)
     B, Bdot = N.dot(s.C_b.T), Ndot.dot(s.C_b.T)
     l2 = s.model.bar_length**2
     speed = max(1.0, np.abs(Ndot).max())
@@ -219,7 +235,9 @@ def fastest_rate(s: Structure) -> float:
     d[motors.strings] *= 2.0
     damping = (s.C_s.T * d) @ s.C_s + np.diag(s.drag)
     of_motors = (motors.damping + motors.radius**2 * d[motors.strings]) / motors.inertia
-    return float(max(np.abs(np.linalg.eigvals(damping @ s.M_inv)).max(initial=0.0), of_motors.max(initial=0.0)))
+    inverses = (s.M_inv,) if s.joints is None else s.joints.M_inv
+    of_nodes = max(np.abs(np.linalg.eigvals(damping @ M_inv)).max(initial=0.0) for M_inv in inverses)
+    return float(max(of_nodes, of_motors.max(initial=0.0)))
 
 
 def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None) -> Mode:

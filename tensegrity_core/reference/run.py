@@ -34,6 +34,7 @@ from ..quantities import number
 from . import instant
 from .equations import diagonal, string_motion
 from .instant import Mode, Strings, gaps, mode_of, motion_at, strings_at
+from .joints import Joints, Singular
 from .moved import jumped, path
 from .structure import Structure
 
@@ -108,6 +109,7 @@ class _Run:
         n, self.of_nodes = len(model.nodes), 6 * len(self.free)
         self.moving = self.of_nodes + 2 * len(model.actuated)  # the integrals follow
         rests = model.fixed & ~self.s.moved.select.any(axis=0)
+        self.moved_whole = None if self.s.joints is None else (self.s.moved_axes > 0.0) | model.fixed[self.s.moved.nodes]
         self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
         self.select = np.eye(2 * n)[np.concatenate((self.free, n + self.free))]
         self.select_free = np.eye(n)[:, self.free]
@@ -119,7 +121,7 @@ class _Run:
         self.transitions: list[Transition] = []
         self.stats = {"evaluations": 0, "steps": 0, "restarts": 0}
         self.step_hint = FIRST_STEP
-        self.steps_since_row = 0
+        self.steps_since_row, self.now = 0, float(inputs.times[0])
         self.load = instant.load_of(self.s, inputs, 0)
 
     # State and right-hand side.
@@ -129,8 +131,17 @@ class _Run:
         X = self.X_fixed + y[: self.of_nodes].reshape(3, -1).dot(self.select)
         n = X.shape[1] // 2
         if len(self.s.moved.nodes):
-            X[:, self.s.moved.nodes], X[:, n + self.s.moved.nodes] = self.moved(t)
+            self._place_moved(X, n, *self.moved(t))
         return X[:, :n], X[:, n:]
+
+    def _place_moved(self, X, n: int, position, velocity) -> None:
+        """Write the moved nodes' coordinates into [N Ndot]; a partly fixed node's free ones stay."""
+        nodes, held = self.s.moved.nodes, self.moved_whole
+        if held is None:
+            X[:, nodes], X[:, n + nodes] = position, velocity
+        else:
+            X[:, nodes] = np.where(held, position, X[:, nodes])
+            X[:, n + nodes] = np.where(held, velocity, X[:, n + nodes])
 
     def moved(self, t):
         """Position and velocity (3, E) of the moved nodes."""
@@ -147,7 +158,19 @@ class _Run:
 
     def projected(self, t, y):
         """y with N and Ndot on the bars' constraints."""
-        return self.pack(*instant.on_constraints(self.s, *self.unpack(t, y)), y[self.of_nodes :])
+        N, Ndot = instant.on_constraints(self.s, *self.unpack(t, y))
+        if self.s.joints is not None:
+            self._require_lengths(t, self.s.joints, N, Ndot)
+        return self.pack(N, Ndot, y[self.of_nodes :])
+
+    @staticmethod
+    def _require_lengths(t: float, joints: Joints, N, Ndot) -> None:
+        """Raises SimulationError where no positions near N keep all lengths, or moved nodes change one."""
+        why = joints.stretched(N)
+        if not joints.drift(N, Ndot) <= DRIFT:
+            why = f"bars {joints.named(joints.off(N, Ndot))} cannot all keep their lengths"
+        if why:
+            raise SimulationError("contradictory", f"{why}; look at the bars that hold each other and at moved nodes", float(t))
 
     def derivative(self, mode: Mode):
         """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""
@@ -229,6 +252,9 @@ class _Run:
     def _jumped(self, N, Ndot, position, velocity, others):
         """y after the moved nodes went, at once, from this position and velocity (3, E) to those of the present load."""
         shift, dv = self.load.node_position - position, self.load.node_velocity - velocity
+        if self.s.joints is not None:
+            select, moved = self.s.moved.select, self.s.moved_axes
+            return self.pack(*self.s.joints.jumped(N, Ndot, (shift * moved) @ select, (dv * moved) @ select), others)
         return self.pack(*jumped(self.s.moved, N, Ndot, shift, dv), others)
 
     # The loop.
@@ -332,7 +358,7 @@ class _Run:
         return solver(ydot, t, y, end, rtol=self.rtol, atol=self.atol, first_step=min(first_step, end - t), **implicit)
 
     def _step(self, solver) -> None:
-        t = solver.t
+        self.now = t = solver.t
         try:
             message = solver.step()
         except ValueError as failure:  # Radau's linear algebra refuses what is not finite
@@ -569,7 +595,7 @@ def simulate(
     method: str = "auto",
     told: Callable[[float], object] | None = None,
 ) -> Result:
-    """Simulate a class-1 tensegrity under held inputs; see Result for what comes back.
+    """Simulate a tensegrity under held inputs; see Result for what comes back.
 
     rtol, atol (m): SciPy's tolerances per step, adapted to the method as METHODS says; method: 'auto' (Radau where the
     dampers make the equations stiff, else DOP853) or a name in METHODS; told: gets the part of the time that is done, 0 to 1,
@@ -579,7 +605,8 @@ def simulate(
     per node with drag, |k_a i delta'| and d_a delta'^2 per actuator, and the absolute values of jumps of stored energy.
     A start input that gives a moved node another velocity than the model's is a jump, too, but before the ledger begins.
     Raises InputError for a model or inputs outside the equations' range, SimulationError where the run cannot go on, which
-    includes a string that its actuator has wound up ('wound_up').
+    includes a string that its actuator has wound up ('wound_up'), bars that come into a position in which no finite force keeps
+    their lengths ('singular'), and those that cannot all keep them ('contradictory').
     """
     if method not in ("auto", *METHODS):
         raise InputError(f"method = {method!r}: use 'auto' or one of {', '.join(METHODS)}")
@@ -587,12 +614,21 @@ def simulate(
     _check_inputs(model, inputs)
     run = _Run(model, inputs.resolved(model), rtol, atol, method, told)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # every step is checked to be finite
-        run.go()
+        try:
+            run.go()
+        except Singular as failure:
+            raise _singular(run, failure) from failure
     series = {name: np.array([row[name] for row in run.rows]) for name in run.rows[0]}
     for field in outputs(INTEGER_FIELDS):
         series[field.name] = series[field.name].reshape(len(run.rows), -1).astype(int)
     stats = {name: float(value) for name, value in run.stats.items()}
     return Result(np.array(inputs.times, dtype=float), run.transitions, stats, **series)
+
+
+def _singular(run: _Run, failure: Singular) -> SimulationError:
+    names = run.s.joints.named(failure.parts) if run.s.joints else ""
+    why = f"no finite force keeps the lengths of bars {names}, which have come into one line or plane"
+    return SimulationError("singular", f"{why}; keep them away from there", run.now)
 
 
 def _check_inputs(model: Model, inputs: Inputs) -> None:

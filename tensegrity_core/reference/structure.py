@@ -8,24 +8,26 @@ from .. import laws
 from ..errors import InputError
 from ..model import Model
 from .equations import connectivity, levers, mass_matrix
+from .joints import Joints
 from .motors import motors_of
 from .moved import moved_nodes
 
 
 class Structure:
-    """A model's constant matrices, in the article's notation.  Raises InputError for a model that is not class 1 or not well
-    posed.
+    """A model's constant matrices, in the article's notation.  Raises InputError for a model that is not well posed.
 
     C (n, S + B): [C_s^T C_b^T]; M (n, n); M_inv (n, n): of the free nodes, see `equations`; J (B,), arms (B, n): see `levers`;
     C_b_M_inv (B, n): C_b M^-1; fixed (n,): 1 at fixed nodes; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other
     than 0 at the nodes `dragged`; in_plane (3, 1): 1 on the axes that the scene uses;
     laws: of the strings that are no springs, with memory as stretched from slack; slack: of those with memory, their slack
     branches; dampers: (string, Damping) of those that are not linear;
-    breakpoints: per string the ends of its pieces, m; none of a string with memory.
+    breakpoints: per string the ends of its pieces, m; none of a string with memory;
+    joints: what takes the place of M_inv, J, arms and C_b_M_inv in a model beyond class 1, None in others; held (3, n): 1 at
+    fixed coordinates; moved_axes (3, E): 1 at the moved coordinates of the moved nodes.
     """
 
     def __init__(self, model: Model):
-        _require_class_1(model)
+        _require_well_posed(model)
         n, self.model = len(model.nodes), model
         self.C_s, self.C_b = connectivity(model.strings, n), connectivity(model.bars, n)
         self.C = np.concatenate((self.C_s, self.C_b)).T.copy()
@@ -38,11 +40,15 @@ class Structure:
         self.M = mass_matrix(self.C_b, C_r, model.bar_mass / 12.0, model.bar_mass, m_p)
         free = np.ix_(model.free_nodes, model.free_nodes)
         self.M_inv = np.zeros((n, n))
-        self.M_inv[free] = np.linalg.inv(self.M[free])
-        self.C_b_M_inv = self.C_b.dot(self.M_inv)
-        self.J, self.arms = levers(self.C_b, model.fixed, model.bar_mass, m_p)
+        self.joints = Joints(model, self.M, self.C_b) if model.joint else None
+        if self.joints is None:
+            self.M_inv[free] = np.linalg.inv(self.M[free])
+            self.C_b_M_inv = self.C_b.dot(self.M_inv)
+            self.J, self.arms = levers(self.C_b, model.fixed, model.bar_mass, m_p)
         self.fixed = model.fixed.astype(float)
+        self.held = self.fixed if self.joints is None else self.joints.held
         self.moved, self.motors = moved_nodes(model, self.M), motors_of(model)
+        self.moved_axes = model.moved[self.moved.nodes].T.astype(float)
         self.in_plane = np.zeros((3, 1))
         self.in_plane[list(model.axes)] = 1.0
         self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
@@ -51,24 +57,19 @@ class Structure:
         self.breakpoints = [self.laws[j].breakpoints if j in self.laws else (0.0,) for j in range(len(model.strings))]
 
 
-def _require_class_1(model: Model) -> None:
+def _require_well_posed(model: Model) -> None:
     """Raises InputError unless the equations apply."""
-    bar_of = np.full(len(model.nodes), -1)
     for i, ends in enumerate(model.bars):
-        for node in ends:
-            if bar_of[node] >= 0:
-                raise InputError(f"node {model.node_names[node]!r} belongs to two bars; a class-1 structure allows one")
-            bar_of[node] = i
-        if model.fixed[ends].all():
+        if model.fixed[ends].all() and not model.moved[ends].any():
             raise InputError(f"bar {model.bar_names[i]!r} has both ends fixed; free one of them")
-    massed = {node for node, mass in model.point_mass if mass > 0.0}
-    for node in model.free_nodes:
-        if bar_of[node] < 0 and node not in massed:
-            raise InputError(
-                f"free node {model.node_names[node]!r} belongs to no bar and so has no mass; fix it, or give it a point mass"
-            )
+    massed = {node for i, ends in enumerate(model.bars.tolist()) if model.bar_mass[i] > 0.0 for node in ends}
+    massed |= {node for node, mass in model.point_mass if mass > 0.0}
+    for node in model.free_nodes.tolist():
+        if node not in massed:
+            name = model.node_names[node]
+            raise InputError(f"free node {name!r} has no mass, of its own or of a bar; fix it, or give it a point mass")
     for node in model.moving:
-        if not model.fixed[node]:
+        if not model.held[node][list(model.axes)][model.moved[node][list(model.axes)]].all():
             raise InputError(f"moving names the free node {model.node_names[node]!r}; fix it, or let it move by itself")
     for node, _ in model.drag:
         if model.fixed[node]:

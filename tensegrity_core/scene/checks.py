@@ -77,9 +77,7 @@ def _check_coordinates(scene: Scene) -> None:
 
 
 def _check_references(scene: Scene) -> None:
-    for at, name in enumerate(scene.fixed, 1):
-        require_known(scene, f"fixed[{at}]", name, scene.nodes)
-    twice(scene, "fixed", scene.fixed)
+    _require_nodes_or_axes(scene, "fixed", scene.fixed)
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
             for at, node in enumerate(member.nodes, 1):
@@ -103,9 +101,28 @@ def _check_references(scene: Scene) -> None:
                 raise scene.error(f"prestress.{key}.{name}", problem, "Keep one of the two.")
 
 
+def _require_nodes_or_axes(scene: Scene, key: str, names: tuple[str, ...]) -> None:
+    """Names of nodes, or of single axes of nodes, as in n2.z."""
+    letters, seen = scene.plane or "xyz", set()
+    for at, name in enumerate(names, 1):
+        node, dot, axis = name.partition(".")
+        require_known(scene, f"{key}[{at}]", node, scene.nodes)
+        if dot and (axis not in letters or len(axis) != 1):
+            choices = " or ".join(f"{node}.{letter}" for letter in letters)
+            raise scene.error(f"{key}[{at}]", f"names no axis of {node}", f"Write {node} for all axes, or {choices}.")
+        if dot and node in seen:
+            raise scene.error(f"{key}[{at}]", f"{node} is listed with all its axes already", "Remove one of the two.")
+        seen.add(name)
+        if node in names and dot:
+            raise scene.error(f"{key}[{at}]", f"{node} is listed with all its axes, too", "Remove one of the two.")
+        if dot and all(f"{node}.{letter}" in seen for letter in letters):
+            raise scene.error(f"{key}[{at}]", f"is the last of all axes of {node}", f"Write {node} in place of its axes.")
+    twice(scene, key, names)
+
+
 def _check_members(scene: Scene) -> None:
     owner: dict[str, str] = {}
-    fixed = set(scene.fixed)
+    fixed, moved = set(scene.fixed), scene.moved
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
             key = f"{kind}.{name}.nodes"
@@ -116,18 +133,42 @@ def _check_members(scene: Scene) -> None:
                 raise scene.error(key, problem, "Move one of the nodes.")
     for name, bar in scene.bars.items():
         for node in bar.nodes:
-            if node in owner:
-                problem = f"{node} is on bar {owner[node]} already"
-                remedy = "Only one bar may meet a node (class 1): join bars by strings between their own nodes."
-                raise scene.error(f"bars.{name}.nodes", problem, remedy)
             owner[node] = name
-        if all(node in fixed for node in bar.nodes):
+        if all(node in fixed for node in bar.nodes) and not any(node in moved for node in bar.nodes):
             problem = "both ends are fixed, so the bar cannot move"
             raise scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
+    massed = {node for bar in scene.bars.values() if bar.mass > 0.0 for node in bar.nodes}
     for node in scene.nodes:
-        if node not in owner and node not in fixed and not scene.point_masses.get(node):
-            problem = "is neither fixed nor on a bar, so it has no mass"
-            raise scene.error(f"nodes.{node}", problem, "Put it on a bar, give it a point mass, or list it in fixed.")
+        if node in massed or node in fixed or scene.point_masses.get(node):
+            continue
+        if node in owner:
+            problem = f"is 0, and its node {node} has no other mass"
+            remedy = f"Give mass in kg, a number greater than 0, or put a point mass at {node}."
+            raise scene.error(f"bars.{owner[node]}.mass", problem, remedy)
+        problem = "is neither fixed nor on a bar, so it has no mass"
+        raise scene.error(f"nodes.{node}", problem, "Put it on a bar, give it a point mass, or list it in fixed.")
+
+
+def _check_welds(scene: Scene) -> None:
+    for at, bars in enumerate(scene.weld, 1):
+        for place, name in enumerate(bars, 1):
+            require_known(scene, f"weld[{at}][{place}]", name, scene.bars, "is no bar")
+        twice(scene, f"weld[{at}]", bars)
+
+
+def _check_velocities(scene: Scene) -> None:
+    letters, held, moved = scene.plane or "xyz", scene.held, scene.moved
+    for name, velocity in scene.velocities.items():
+        key = f"velocities.{name}"
+        require_known(scene, key, name, scene.nodes)
+        if len(velocity) != len(letters):
+            kind = f"planar scene ({scene.plane})" if scene.plane else "3D scene"
+            remedy = f"Give {len(letters)}: [{', '.join(letters)}]."
+            raise scene.error(key, f"has {len(velocity)} components in a {kind}", remedy)
+        for at, (axis, value) in enumerate(zip(scene.axes, velocity), 1):
+            if value != 0.0 and axis in held.get(name, ()) and axis not in moved.get(name, ()):
+                problem = f"{name} is fixed along {'xyz'[axis]}, and not moved"
+                raise scene.error(f"{key}[{at}]", problem, f"Write 0, or list {name}.{'xyz'[axis]} in moving, too.", value)
 
 
 def _check_honeycombs(scene: Scene) -> None:
@@ -157,19 +198,26 @@ def _check_honeycombs(scene: Scene) -> None:
 
 def _check_loads(scene: Scene) -> None:
     """Point masses, drag and moved nodes."""
-    fixed = set(scene.fixed)
+    fixed, along = set(scene.fixed), scene.held
     for key in ("point_masses", "drag"):
         for name in getattr(scene, key):
             require_known(scene, f"{key}.{name}", name, scene.nodes)
             if key == "drag" and name in fixed:
                 raise scene.error(f"drag.{name}", "the node is fixed, so it has no drag", "Name a free node, or leave it out.")
     for at, name in enumerate(scene.moving, 1):
-        if name not in scene.nodes:
+        node, _, axis = name.partition(".")
+        if node not in scene.nodes:
             require_known(scene, f"moving[{at}]", name, scene.fixed)
-        if name not in fixed:
+        held = along.get(node, ())
+        if not held:
             problem = "is a free node, which moves by itself"
             raise scene.error(f"moving[{at}]", problem, "List it in fixed, too, or leave it out.")
-    twice(scene, "moving", scene.moving)
+        wanted = scene.axes if not axis else tuple(i for i in scene.axes if "xyz"[i] == axis)
+        if not set(wanted) <= set(held):
+            named = [f"{node}.{'xyz'[i]}" for i in held]
+            problem = f"is fixed as {' and '.join(named)} only, and free otherwise"
+            raise scene.error(f"moving[{at}]", problem, f"Write {' or '.join(named)}, or fix more of its axes.")
+    _require_nodes_or_axes(scene, "moving", scene.moving)
 
 
 def _require_beam(scene: Scene, key: str, zeta: float | None, beams: str | None) -> None:
@@ -301,5 +349,7 @@ CHECKS = (
     _check_members,
     _check_honeycombs,
     _check_loads,
+    _check_welds,
+    _check_velocities,
     _check_costs,
 )

@@ -67,7 +67,9 @@ Shape = Annotated[float, _between(*elements.BEAM_RANGES["zeta"])]
 Length = Annotated[float, _between(*elements.BEAM_RANGES["h"])]
 RestLength = Annotated[float, _between(0.0, 1e7)]
 Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
+Velocity = Annotated[tuple[Component, ...], Strict(False), Field(min_length=2, max_length=3)]
 Ends = Annotated[tuple[str, str], Strict(False)]
+Weld = Annotated[tuple[str, ...], Strict(False), Field(min_length=2)]
 Scales = Annotated[tuple[ForceScale, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
 Zetas = Annotated[tuple[Shape, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
 Heights = Annotated[tuple[Length, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
@@ -195,7 +197,7 @@ class Bar(Entry):
     """A rigid thin bar."""
 
     nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n5"]')
-    mass: Positive = Field(description="mass in kg, a number greater than 0")
+    mass: NotNegative = Field(description="mass in kg, a number greater than 0, or 0 between nodes that have another mass")
 
 
 class String(Entry):
@@ -243,9 +245,11 @@ class Scene(Entry):
         description='"equilibrium" (the given coordinates must balance), "settled" (the stable equilibrium near them) '
         'or "released" (at rest there, balanced or not)',
     )
-    fixed: Annotated[tuple[str, ...], Strict(False)] = Field((), description="names of the nodes fixed to the ground")
+    fixed: Annotated[tuple[str, ...], Strict(False)] = Field(
+        (), description='names of the nodes fixed to the ground; "n2.z": fixed along this axis only'
+    )
     moving: Annotated[tuple[str, ...], Strict(False)] = Field(
-        (), description="names of the fixed nodes whose motion is an input"
+        (), description='names of the fixed nodes whose motion is an input; "n2.z": along this axis only'
     )
     nodes: dict[Name, Point] = Field(description="node name = [x, y, z] in m (two coordinates in a planar scene)")
     materials: dict[Name, Material] = Field(default_factory=dict, description="materials of strings by name")
@@ -253,7 +257,13 @@ class Scene(Entry):
     actuators: dict[Name, Actuator] = Field(default_factory=dict, description="actuators of strings by name")
     elements: dict[Name, Element] = Field(default_factory=dict, description="force laws of strings, and their parts, by name")
     dampers: dict[Name, Damper] = Field(default_factory=dict, description="dampers that are not linear, by name")
+    velocities: dict[str, Velocity] = Field(
+        default_factory=dict, description="node name = its start velocity [x, y, z] in m/s (two components in a planar scene)"
+    )
     bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
+    weld: Annotated[tuple[Weld, ...], Strict(False)] = Field(
+        (), description='bars that are one rigid body, as in [["b1", "b2"], ["b3", "b4", "b5"]]'
+    )
     strings: dict[Name, String] = Field(default_factory=dict, description="strings by name")
     point_masses: dict[str, NotNegative] = Field(
         default_factory=dict,
@@ -279,12 +289,33 @@ class Scene(Entry):
         """Coordinate axes in use: (0, 1, 2), or two of them in a planar scene."""
         return PLANES[self.plane]
 
+    @property
+    def held(self) -> dict[str, tuple[int, ...]]:
+        """Node -> the axes along which `fixed` names it, rising: all that the scene uses, or some."""
+        return self._along(self.fixed)
+
+    @property
+    def moved(self) -> dict[str, tuple[int, ...]]:
+        """Node -> the axes along which `moving` names it, rising: all that the scene uses, or some."""
+        return self._along(self.moving)
+
+    def _along(self, named: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
+        found: dict[str, set[int]] = {}
+        for name in named:
+            node, _, axis = name.partition(".")
+            found.setdefault(node, set()).update([i for i in self.axes if "xyz"[i] == axis] if axis else self.axes)
+        return {node: tuple(sorted(axes)) for node, axes in found.items()}
+
+    def vector(self, values: tuple[float, ...]) -> tuple[float, float, float]:
+        """Components along the scene's axes as a vector in space."""
+        found = [0.0, 0.0, 0.0]
+        for axis, value in zip(self.axes, values):
+            found[axis] = value
+        return found[0], found[1], found[2]
+
     def position(self, node: str) -> tuple[float, float, float]:
         """Given coordinates (x, y, z) of a node, m."""
-        point = [0.0, 0.0, 0.0]
-        for axis, value in zip(self.axes, self.nodes[node]):
-            point[axis] = value
-        return point[0], point[1], point[2]
+        return self.vector(self.nodes[node])
 
     def distance(self, ends: tuple[str, str]) -> float:
         """Distance of two nodes at the given coordinates, m."""

@@ -31,6 +31,8 @@ def require(scene: Scene, model: Model) -> None:
     """Raise SceneError where the model cannot be simulated."""
     load_library()  # that it is missing is no fault of the scene
     _require_rates(scene, model)
+    if model.joint:  # the kernel says so when it is asked
+        return
     failure = _refusal(model)
     if failure is None:
         return
@@ -107,12 +109,14 @@ def _too_fast(scene: Scene, model: Model, key: str, node: int, what: str, value:
 def _inertia(model: Model) -> tuple[np.ndarray, list[str]]:
     """(N,) kg that a force on a node moves at least, 0 at fixed nodes, and the key of the largest mass in it.
 
-    An end of a free bar moves like m/4, the tip of a pinned one like m/3, and a point mass adds to it.
+    An end of a free bar moves like m/4, the tip of a pinned one like m/3; further bars and a point mass add to it.
     """
     inertia, owner = np.zeros(len(model.nodes)), [""] * len(model.nodes)
     for name, ends, mass in zip(model.bar_names, model.bars, model.bar_mass):
         for node in ends:
-            inertia[node], owner[node] = 0.25 * mass, f"bars.{name}.mass"
+            if 0.25 * mass >= inertia[node]:
+                owner[node] = f"bars.{name}.mass"
+            inertia[node] += 0.25 * mass
     for node, mass in model.point_mass:
         if mass > inertia[node]:
             owner[node] = f"point_masses.{model.node_names[node]}"

@@ -17,6 +17,7 @@ from .matrices import lengths_between
 from .prestress import prestress, require_balance, rest_lengths, two_parts
 from .settling import NoEquilibrium, settle
 from .strings import string_tension
+from .velocities import start_velocities
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -40,6 +41,8 @@ def build_model(scene: Scene) -> Model:
         except (NoEquilibrium, hysteresis.NoStableState) as failure:
             remedy = 'Change the prestress or the coordinates, or write start = "released".'
             raise scene.error("start", str(failure), remedy, scene.start) from None
+    if scene.velocities:
+        model = replace(model, velocity=start_velocities(scene, model))
     model = replace(model, current=_holding_currents(model))
     simulable.require(scene, model)
     return model
@@ -87,6 +90,7 @@ def _at_given_coordinates(scene: Scene) -> Model:
     honeycombs = {name: NSH(entry.Q, entry.zeta, entry.h, entry.law) for name, entry in scene.nsh.items()}
     elements = {name: scene.element(name) for name in scene.elements}
     dampers = {name: scene.damper(name) for name in scene.dampers}
+    bars = list(scene.bars)
     actuators = {name: Actuator(**entry.model_dump()) for name, entry in scene.actuators.items()}
     return Model(
         name=scene.name,
@@ -112,8 +116,16 @@ def _at_given_coordinates(scene: Scene) -> Model:
         actuator=tuple(actuators.get(string.actuator or "") for string in scene.strings.values()),
         point_mass=_in_node_order(scene.point_masses, index),
         drag=_in_node_order(scene.drag, index),
-        moving=tuple(sorted(index[node] for node in scene.moving)),
+        moving=tuple(sorted(index[node] for node in scene.moved)),
+        partly_fixed=_single_axes(scene, scene.held, index),
+        moving_axes=_single_axes(scene, scene.moved, index),
+        welds=tuple(tuple(sorted(bars.index(name) for name in weld)) for weld in scene.weld),
     )
+
+
+def _single_axes(scene: Scene, along: dict[str, tuple[int, ...]], index: dict[str, int]) -> tuple:
+    """(node, axes) of the nodes that are named with some of the scene's axes, in node order."""
+    return tuple(sorted((index[node], axes) for node, axes in along.items() if axes != scene.axes))
 
 
 def _in_node_order(table: dict[str, float], index: dict[str, int]) -> tuple[tuple[int, float], ...]:
