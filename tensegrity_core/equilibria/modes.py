@@ -109,7 +109,7 @@ def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:
     """(n,): what some nodes have, at the free coordinates."""
     field = np.zeros(len(model.nodes))
     field[list(values)] = list(values.values())
-    return np.repeat(field[model.free_nodes], len(model.axes))
+    return statics.free_rows(model, np.repeat(field[:, None], 3, axis=1))
 
 
 def mass_matrix(model: Model) -> np.ndarray:
@@ -118,7 +118,7 @@ def mass_matrix(model: Model) -> np.ndarray:
     first, second = np.moveaxis(place[model.bars], 1, 0)  # (B, D) each
     rows, columns = np.stack([first, first, second, second]), np.stack([first, second, first, second])
     share = (model.bar_mass / np.array([[3.0], [6.0], [6.0], [3.0]]))[:, :, None]
-    n = len(model.free_nodes) * len(model.axes)
+    n = statics.freedoms(model)
     full = statics.Dense(rows, columns, (n, n))(np.broadcast_to(share, rows.shape))
     full[np.diag_indices(n)] += _at_nodes(model, dict(model.point_mass))
     return full
@@ -150,7 +150,7 @@ def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
 
 def seconds(model: Model, damped: bool = True) -> float:
     """How long `modes` takes, about."""
-    freedom = len(model.free_nodes) * len(model.axes) - len(model.bars)
+    freedom = statics.freedoms(model) - len(model.bars)
     return (4e-9 if damped else 4e-10) * freedom**3
 
 
@@ -194,7 +194,7 @@ def _named(model: Model, neutral: np.ndarray) -> list[tuple[str, np.ndarray]]:
     """Names and free coordinates of neutral directions (n, k): the rigid-body motions among them, then the others."""
     if not neutral.shape[1]:
         return []
-    fields = {name: field[model.free_nodes][:, model.axes].ravel() for name, field in statics.rigid_fields(model).items()}
+    fields = {name: statics.free_rows(model, field) for name, field in statics.rigid_fields(model).items()}
     rigid = neutral @ _aligned(neutral, statics.rigid_body_motions(model))
     found: list[tuple[str, np.ndarray]] = []
     known = np.zeros((len(neutral), 0))
@@ -225,6 +225,4 @@ def _aligned(neutral: np.ndarray, motions: np.ndarray) -> np.ndarray:
 
 def _shape(model: Model, free: np.ndarray) -> np.ndarray:
     """(N, 3): free coordinates' motion, its largest component made 1."""
-    shape = np.zeros(model.nodes.shape, dtype=complex)
-    shape[np.ix_(model.free_nodes, np.array(model.axes))] = (free / free[np.argmax(np.abs(free))]).reshape(-1, len(model.axes))
-    return shape
+    return statics.in_space(model, free / free[np.argmax(np.abs(free))])

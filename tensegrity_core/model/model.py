@@ -201,6 +201,11 @@ class Model:
         return found
 
     @cached_property
+    def free_coordinates(self) -> np.ndarray:
+        """(n,) places among the (N*D) coordinates along the axes that the scene uses, node by node, of those that are free."""
+        return np.flatnonzero(~self.held[:, self.axes].ravel())
+
+    @cached_property
     def moved(self) -> np.ndarray:
         """(N, 3) bool: the axes along which a node's motion is an input; those that the scene uses only."""
         found = np.zeros((len(self.nodes), 3), dtype=bool)

@@ -36,6 +36,45 @@ class Weld(NamedTuple):
     followers: tuple[int, ...]
     places: np.ndarray
 
+    def across(self, nodes: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+        """(D - d, 3) m: orthogonal directions across the frame's line or plane, as long as its first edge.  nodes: (N, 3)."""
+        edges = (nodes[list(self.frame[1:])] - nodes[self.frame[0]])[:, list(axes)].T  # (D, d)
+        found = np.zeros((len(axes) - edges.shape[1], 3))
+        found[:, list(axes)] = np.linalg.qr(edges, mode="complete")[0][:, edges.shape[1] :].T * np.linalg.norm(edges[:, 0])
+        return found
+
+
+class Followers(NamedTuple):
+    """How followers keep their places, an equation for each direction across: coefficients (f, N) of the nodes, sum 0;
+    directions (f, 3) m; g = direction . sum of coefficients x = 0; body: (f,) int."""
+
+    coefficients: np.ndarray
+    directions: np.ndarray
+    body: np.ndarray
+
+
+def followers(model: Model, nodes: np.ndarray) -> Followers:
+    """The equations of all followers, with the nodes (N, 3) m."""
+    rows, directions, body = [], [], []
+    for number, weld in enumerate(model.bodies):
+        if not weld.followers:
+            continue
+        across = weld.across(nodes, model.axes)
+        for node, places in zip(weld.followers, weld.places):
+            row = np.zeros(len(nodes))
+            row[node] = 1.0
+            row[list(weld.frame)] -= places
+            rows += [row] * len(across)
+            directions += list(across)
+            body += [number] * len(across)
+    shape = (-1, len(nodes)), (-1, 3)
+    return Followers(np.array(rows).reshape(shape[0]), np.array(directions).reshape(shape[1]), np.array(body, dtype=int))
+
+
+def distances(model: Model) -> np.ndarray:
+    """(w, 2) int: the pairs of nodes whose distances welds keep, beside the bars'."""
+    return np.array([pair for weld in model.bodies for pair in weld.distances], dtype=int).reshape(-1, 2)
+
 
 def rigid_bodies(model: Model) -> tuple[Weld, ...]:
     """The rigid bodies of a model's welds, at its start; welds with a bar in common are one body."""

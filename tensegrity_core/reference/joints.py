@@ -24,6 +24,7 @@ import numpy as np
 import scipy
 
 from ..model import Model
+from ..model.welds import distances, followers
 from .equations import connectivity, diagonal
 
 #: Eigenvalues of G M^-1 G^T, rows and columns scaled to a diagonal of 1, below which constraints depend on each other at the
@@ -64,14 +65,13 @@ class Joints:
         self.model, self.M = model, M
         self.held = model.held.T.astype(float)
         self.M_inv = np.array([_inverse(M, held > 0.0) for held in self.held])
-        pairs = [pair for body in model.bodies for pair in body.distances]
-        self.C = np.vstack((C_b, connectivity(np.array(pairs, dtype=int).reshape(-1, 2), M.shape[0]), _followers(model)))
-        self._distances = len(C_b) + len(pairs)
-        self._bars = len(C_b)
+        pairs, places = distances(model), followers(model, model.nodes)
+        self.C = np.vstack((C_b, connectivity(pairs, M.shape[0]), places.coefficients))
+        self._distances, self._of_body = len(C_b) + len(pairs), places.body
         N = model.nodes.T
         ends = N.dot(self.C[: self._distances].T)
         self._square = diagonal(ends, ends)
-        self.size = np.concatenate((0.5 * self._square, _extents(model)))
+        self.size = np.concatenate((0.5 * self._square, np.sum(places.directions**2, axis=1)))
         felt, scaled, _ = self._scaled(self.compliance(self.rows(N)))
         self._felt = np.zeros(len(self.C), dtype=bool)
         self._felt[felt] = True
@@ -89,13 +89,8 @@ class Joints:
     def directions(self, N) -> np.ndarray:
         """V (3, m), m; of followers times the frame's extent."""
         V = N.dot(self.C.T)
-        at = self._distances
-        for body in self.model.bodies:
-            if body.followers:
-                across = _across(N, body.frame, self.model.axes)  # (3, D - d)
-                count = len(body.followers) * across.shape[1]
-                V[:, at : at + count] = np.tile(across, len(body.followers))
-                at += count
+        if len(self._of_body):
+            V[:, self._distances :] = followers(self.model, N.T).directions.T
         return V
 
     def compliance(self, G) -> np.ndarray:
@@ -217,12 +212,8 @@ class Joints:
 
     def named(self, parts: np.ndarray) -> str:
         """The bars that have most to do with parts (m,) of the constraints."""
-        owners = list(self.model.bar_names)
-        for body in self.model.bodies:
-            owners += [self.model.bar_names[body.bars[0]]] * len(body.distances)
-        for body in self.model.bodies:
-            rows = len(body.followers) * (len(self.model.axes) + 1 - len(body.frame))
-            owners += [self.model.bar_names[body.bars[0]]] * rows
+        of_body = [i for i, body in enumerate(self.model.bodies) for _ in body.distances] + self._of_body.tolist()
+        owners = [*self.model.bar_names, *(self.model.bar_names[self.model.bodies[i].bars[0]] for i in of_body)]
         found = [name for name, part in zip(owners, parts) if part > 0.1 * parts.max(initial=0.0)]
         return ", ".join(dict.fromkeys(found))
 
@@ -242,33 +233,3 @@ def _factor(W):
     except np.linalg.LinAlgError:
         return None
     return factor if float(np.diagonal(factor[0]).min()) ** 2 > DEPENDENT else None
-
-
-def _followers(model: Model) -> np.ndarray:
-    """(f, n) coefficients of the followers, each once for every direction across its frame."""
-    rows = []
-    for body in model.bodies:
-        for node, places in zip(body.followers, body.places):
-            row = np.zeros(len(model.nodes))
-            row[node] = 1.0
-            row[list(body.frame)] -= places
-            rows += [row] * (len(model.axes) + 1 - len(body.frame))
-    return np.array(rows).reshape(-1, len(model.nodes))
-
-
-def _extents(model: Model) -> np.ndarray:
-    """(f,) m2: for each row of `_followers` the square of its frame's extent."""
-    found: list[float] = []
-    for body in model.bodies:
-        extent = float(np.ptp(model.nodes[list(body.frame)], axis=0).max())
-        found += [extent**2] * (len(body.followers) * (len(model.axes) + 1 - len(body.frame)))
-    return np.array(found)
-
-
-def _across(N, frame: tuple[int, ...], axes: tuple[int, ...]) -> np.ndarray:
-    """(3, D - d): orthogonal directions across the line or plane of a frame, as long as it is wide, m."""
-    edges = (N[:, list(frame[1:])] - N[:, [frame[0]]])[list(axes)]
-    q, _ = np.linalg.qr(edges, mode="complete")
-    found = np.zeros((3, q.shape[1] - edges.shape[1]))
-    found[list(axes)] = q[:, edges.shape[1] :] * np.linalg.norm(edges[:, 0])
-    return found

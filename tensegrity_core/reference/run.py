@@ -165,12 +165,10 @@ class _Run:
 
     @staticmethod
     def _require_lengths(t: float, joints: Joints, N, Ndot) -> None:
-        """Raises SimulationError where no positions near N keep all lengths, or moved nodes change one."""
-        why = joints.stretched(N)
+        """Raises SimulationError where no positions near N keep all lengths."""
         if not joints.drift(N, Ndot) <= DRIFT:
             why = f"bars {joints.named(joints.off(N, Ndot))} cannot all keep their lengths"
-        if why:
-            raise SimulationError("contradictory", f"{why}; look at the bars that hold each other and at moved nodes", float(t))
+            raise SimulationError("contradictory", f"{why}; look at what holds them, and at moved nodes", float(t))
 
     def derivative(self, mode: Mode):
         """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""
@@ -254,7 +252,11 @@ class _Run:
         shift, dv = self.load.node_position - position, self.load.node_velocity - velocity
         if self.s.joints is not None:
             select, moved = self.s.moved.select, self.s.moved_axes
-            return self.pack(*self.s.joints.jumped(N, Ndot, (shift * moved) @ select, (dv * moved) @ select), others)
+            N, Ndot = self.s.joints.jumped(N, Ndot, (shift * moved) @ select, (dv * moved) @ select)
+            why = self.s.joints.stretched(N)
+            if why:
+                raise SimulationError("contradictory", f"{why}; move both of its ends alike", self.load.since)
+            return self.pack(N, Ndot, others)
         return self.pack(*jumped(self.s.moved, N, Ndot, shift, dv), others)
 
     # The loop.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from .analysis import analyse, rigid_body_motions, rigid_fields
 from .balance import Balance
 from .forces import equilibrium_matrix, loads, member_forces, residual, unbalanced
-from .matrices import Dense, TooLarge, free_rows, lengths_between, null_space, require_small
+from .jointed import balance_of
+from .matrices import Dense, TooLarge, free_rows, freedoms, in_space, lengths_between, null_space, require_small
 from .members import members, places
 from .settling import NoEquilibrium, descend, settle
 from .start import build_model
@@ -22,10 +23,13 @@ __all__ = [
     "SurfacePoint",
     "TooLarge",
     "analyse",
+    "balance_of",
     "build_model",
     "descend",
     "equilibrium_matrix",
     "free_rows",
+    "freedoms",
+    "in_space",
     "is_stable",
     "lengths_between",
     "loads",

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model import Model
-from .forces import equilibrium_matrix
-from .matrices import RANK_TOLERANCE, null_space, require_small
+from .forces import whole_matrix
+from .matrices import RANK_TOLERANCE, in_space, null_space, require_small
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
     """What the equilibrium matrix says about a structure.
 
-    equations, members: its size, F*D and S+B; singular_values: of the matrix, falling; rank: of the matrix;
+    equations, members: its size, n (F*D where no node is partly fixed) and S+B; singular_values: of the matrix, falling, the
+    constraints of welded bars among its columns; rank: of the matrix;
     self_stress: (S+B, s) orthonormal member forces that balance without load; mechanisms: (m, N, 3) orthonormal
     velocity fields that stretch no member, rigid-body motions taken out; rigid_body_motions: number of rigid-body
     motions that the fixed nodes leave.
@@ -37,7 +38,7 @@ def analyse(model: Model, tolerance: float = RANK_TOLERANCE) -> Analysis:
     Raises TooLarge: time grows with the third power of the structure.
     """
     require_small(model, "rank analysis")
-    matrix = equilibrium_matrix(model)
+    matrix, members = whole_matrix(model), len(model.strings) + len(model.bars)
     left, values, right = np.linalg.svd(matrix)
     rank = int(np.sum(values > tolerance * values[0])) if values.size else 0
     free = left[:, rank:]
@@ -46,18 +47,24 @@ def analyse(model: Model, tolerance: float = RANK_TOLERANCE) -> Analysis:
         projected = free - rigid @ (rigid.T @ free)
         directions, sizes, _ = np.linalg.svd(projected, full_matrices=False)
         free = directions[:, sizes > 0.5]  # the sizes are 0 (rigid) or 1 up to round-off
-    fields = np.zeros((free.shape[1], len(model.nodes), 3))
-    places = np.ix_(np.arange(len(fields)), model.free_nodes, np.array(model.axes))
-    fields[places] = free.T.reshape(-1, len(model.free_nodes), len(model.axes))
-    return Analysis(matrix.shape[0], matrix.shape[1], values, rank, right[rank:].T, fields, rigid.shape[1])
+    fields = np.array([in_space(model, field) for field in free.T]).reshape(-1, len(model.nodes), 3)
+    return Analysis(matrix.shape[0], members, values, rank, _of_members(right[rank:].T, members), fields, rigid.shape[1])
+
+
+def _of_members(states: np.ndarray, members: int) -> np.ndarray:
+    """(S+B, s) orthonormal: states of self-stress (S+B+w, s) as far as members bear them."""
+    if len(states) == members:
+        return states
+    directions, sizes, _ = np.linalg.svd(states[:members], full_matrices=False)
+    return directions[:, sizes > RANK_TOLERANCE]
 
 
 def rigid_body_motions(model: Model) -> np.ndarray:
     """(F*D, r) orthonormal rigid-body velocities of the free nodes that leave the fixed nodes at rest."""
     fields = np.array(list(rigid_fields(model).values()))[:, :, model.axes]
-    held = fields[:, model.fixed_nodes].reshape(len(fields), -1)
-    combinations = null_space(held.T)
-    moving = fields[:, model.free_nodes].reshape(len(fields), -1).T @ combinations
+    flat = fields.reshape(len(fields), -1)
+    combinations = null_space(np.delete(flat, model.free_coordinates, axis=1).T)
+    moving = flat[:, model.free_coordinates].T @ combinations
     directions, sizes, _ = np.linalg.svd(moving, full_matrices=False)
     return directions[:, sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))]
 

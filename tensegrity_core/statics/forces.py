@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
-from .matrices import free_rows, lengths_between, require_small
-from .members import Members, Shape
+from .jointed import Jointed, members_of
+from .matrices import free_rows, in_space, lengths_between, require_small
+from .members import Shape
 from .strings import string_tension
 
 BALANCED = 1e-10  # N: a start counts as balanced below this
@@ -34,36 +35,42 @@ def loads(model: Model, force=None) -> np.ndarray:
 
 
 def equilibrium_matrix(model: Model) -> np.ndarray:
-    """(F*D, S+B): forces on the free nodes from a unit tension in each member, at the model's start.
+    """(n, S+B): forces on the free coordinates from a unit tension in each member, at the model's start.
 
     With member forces t and loads p (at the same rows) equilibrium reads A t + p = 0.  Pellegrino and Calladine,
     "Matrix analysis of statically and kinematically indeterminate frameworks", 1986.
     Raises TooLarge: the matrix is dense.
     """
+    return whole_matrix(model)[:, : len(model.strings) + len(model.bars)]
+
+
+def whole_matrix(model: Model) -> np.ndarray:
+    """The same, followed by a column for each constraint of welded bars, (n, S+B+w)."""
     require_small(model, "the equilibrium matrix")
-    at = Members(model)
+    at = members_of(model)
     shape = at.shape(at.start)
-    return 0.0 - (at.rows(shape) / shape.lengths[:, None]).T
+    found = 0.0 - (at.rows(shape) / shape.lengths[:, None]).T
+    return np.column_stack((found, -at.follower_rows(shape).T)) if isinstance(at, Jointed) else found
 
 
 def member_forces(model: Model, force=None) -> np.ndarray:
     """(S+B,) N at the model's start: the strings' elastic tensions, then the bar forces that balance best."""
     shape, density, _ = _at_start(model, force)
-    return density * shape.lengths
+    return (density * shape.lengths)[: len(model.strings) + len(model.bars)]
 
 
 def residual(model: Model, force=None) -> np.ndarray:
-    """(F, D) N: unbalanced force on each free node at the model's start, bar forces chosen to balance best."""
-    return _at_start(model, force)[2].reshape(-1, len(model.axes))
+    """(F, D) N: unbalanced force on each free node at the model's start, bar forces chosen to balance best; 0 along an axis
+    along which it is fixed."""
+    return in_space(model, _at_start(model, force)[2])[model.free_nodes][:, model.axes]
 
 
 def _at_start(model: Model, force) -> tuple[Shape, np.ndarray, np.ndarray]:
     """Members at the model's start, their force densities (S+B,), N/m, and what stays unbalanced (n,), N."""
-    at, load = Members(model), free_rows(model, loads(model, force))
+    at, load = members_of(model), free_rows(model, loads(model, force))
     shape = at.shape(at.start)
-    density = string_tension(model, shape.length) / shape.length
-    density = np.concatenate((density, at.bar_density(shape, at.unbalanced(shape, load, density))))
-    return shape, density, at.unbalanced(shape, load, density)
+    density, left = at.balanced(shape, load, string_tension(model, shape.length) / shape.length)
+    return shape, density, left
 
 
 class Unbalanced(NamedTuple):

@@ -19,7 +19,7 @@ class TooLarge(TensegrityError):
 
 
 def freedoms(model: Model) -> int:
-    return len(model.free_nodes) * len(model.axes)
+    return len(model.free_coordinates)
 
 
 class Dense:
@@ -66,7 +66,16 @@ def require_small(model: Model, what: str) -> None:
 
 def free_rows(model: Model, field: np.ndarray) -> np.ndarray:
     """A nodal field (N, 3) at the rows of the equilibrium matrix."""
-    return field[model.free_nodes][:, model.axes].ravel()
+    return field[:, model.axes].ravel()[model.free_coordinates]
+
+
+def in_space(model: Model, free: np.ndarray) -> np.ndarray:
+    """What free coordinates (n,) have as a nodal field (N, 3), zero elsewhere."""
+    field = np.zeros((len(model.nodes), 3), dtype=free.dtype)
+    flat = np.zeros(len(model.nodes) * len(model.axes), dtype=free.dtype)
+    flat[model.free_coordinates] = free
+    field[:, model.axes] = flat.reshape(-1, len(model.axes))
+    return field
 
 
 def lengths_between(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -10,28 +10,33 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
+from ..model.welds import distances
 from .matrices import free_rows, freedoms
 
 
 def members(model: Model) -> np.ndarray:
-    """(S+B, 2) nodes at the ends of all members, strings first."""
-    return np.vstack([model.strings, model.bars])
+    """(S+B, 2) nodes at the ends of all members, strings first; followed, where bars are welded, by the pairs of nodes whose
+    distances welds keep, which count as bars here."""
+    kept = [distances(model)] if model.welds else []
+    return np.vstack([model.strings, model.bars, *kept])
 
 
 def places(model: Model) -> np.ndarray:
     """(N, D) int: the degree of freedom of each node along each axis, -1 where it is fixed."""
-    place = np.full((len(model.nodes), len(model.axes)), -1)
-    place[model.free_nodes] = np.arange(freedoms(model)).reshape(-1, len(model.axes))
-    return place
+    place = np.full(len(model.nodes) * len(model.axes), -1)
+    place[model.free_coordinates] = np.arange(freedoms(model))
+    return place.reshape(-1, len(model.axes))
 
 
 class Shape(NamedTuple):
-    """Members at one configuration.  vectors: (D, S+B) m; squared, lengths: (S+B,) m2, m; length: (S,) m, of the strings."""
+    """Members at one configuration.  vectors: (D, S+B) m; squared, lengths: (S+B,) m2, m; length: (S,) m, of the strings;
+    free: (n,) m, the free coordinates."""
 
     vectors: np.ndarray
     squared: np.ndarray
     lengths: np.ndarray
     length: np.ndarray
+    free: np.ndarray
 
 
 class Members:
@@ -43,10 +48,11 @@ class Members:
     def __init__(self, model: Model):
         self.model, self.size, self.place = model, freedoms(model), places(model)
         self.start = free_rows(model, model.nodes)
-        self._count, axes = len(model.strings), len(model.axes)
-        self._held = model.nodes[model.fixed_nodes][:, model.axes].ravel()
+        self._count = len(model.strings)
+        held = self.place < 0
+        self._held = model.nodes[:, model.axes][held]
         among = self.place.copy()  # in the free coordinates, followed by those of the fixed nodes
-        among[model.fixed_nodes] = self.size + np.arange(len(self._held)).reshape(-1, axes)
+        among[held] = self.size + np.arange(len(self._held))
         self._ends = np.ascontiguousarray(among[members(model)].transpose(1, 2, 0))  # (2, D, S+B)
         self._first, self._second = self._ends
         self.wide = self.size + len(self._held)
@@ -69,7 +75,9 @@ class Members:
     def nodes(self, free: np.ndarray) -> np.ndarray:
         """(N, 3) m."""
         nodes = self.model.nodes.copy()
-        nodes[np.ix_(self.model.free_nodes, np.array(self.model.axes))] = free.reshape(-1, len(self.model.axes))
+        flat = nodes[:, self.model.axes].ravel()
+        flat[self.model.free_coordinates] = free
+        nodes[:, self.model.axes] = flat.reshape(-1, len(self.model.axes))
         return nodes
 
     def shape(self, free: np.ndarray) -> Shape:
@@ -79,7 +87,7 @@ class Members:
         vectors = ends[1] - ends[0]
         squared = np.add.reduce(vectors * vectors)
         lengths = np.sqrt(squared)
-        return Shape(vectors, squared, lengths, lengths[: self._count])
+        return Shape(vectors, squared, lengths, lengths[: self._count], free)
 
     def lengths(self, free: np.ndarray) -> np.ndarray:
         """(S,) m, of the strings."""
@@ -97,6 +105,12 @@ class Members:
         first, second = np.concatenate((force, self._unfelt)).take(self._ends_of_bars)
         along = np.add.reduce(shape.vectors[:, self._count :] * (second - first))
         return along / (self._free_ends * shape.squared[self._count :])
+
+    def balanced(self, shape: Shape, load: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All members' force densities (S+B,), N/m, the bars' those that balance best with the strings' (S,), and what stays
+        unbalanced (n,), N."""
+        density = np.concatenate((density, self.bar_density(shape, self.unbalanced(shape, load, density))))
+        return density, self.unbalanced(shape, load, density)
 
     def rows(self, shape: Shape, out: np.ndarray | None = None) -> np.ndarray:
         """(S+B, n) m: derivatives of half the members' squared lengths; out: (S+B, `wide`), zeros at first."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError, TensegrityError
 from ..laws import hysteresis, string_law
 from ..model import Model
-from .forces import equilibrium_matrix, loads, residual, round_off
+from .forces import loads, residual, round_off, whole_matrix
 from .matrices import TooLarge, free_rows, lengths_between, lstsq, null_space, require_small
 from .strings import string_tension
 
@@ -54,16 +54,19 @@ def _balancing(scene: Scene, model: Model, tension: np.ndarray, unknown: np.ndar
         name = model.string_names[unknown[0]]
         remedy = f"Give every string's tension in prestress.tension: {len(unknown)} are missing, first {name}."
         raise scene.error("prestress", str(failure), remedy, {}) from None
-    matrix, count = equilibrium_matrix(model), len(model.strings)
+    matrix, count = whole_matrix(model), len(model.strings)
     columns = np.concatenate([unknown, np.arange(count, matrix.shape[1])])
     free = null_space(matrix[:, columns])[: len(unknown)]
+    if model.joint:  # bars that hold each other leave no tension open
+        directions, sizes, _ = np.linalg.svd(free, full_matrices=False)
+        free = directions[:, sizes > 1e-9]
     if free.shape[1]:
         open_strings = [model.string_names[i] for i, row in zip(unknown, free) if np.linalg.norm(row) > 1e-6]
         noun = "tension" if free.shape[1] == 1 else "tensions"
         problem = f"equilibrium leaves {free.shape[1]} {noun} undetermined"
         remedy = f"Give {free.shape[1]} more {noun} in prestress.tension, of: {', '.join(open_strings)}."
         raise scene.error("prestress", problem, remedy, scene.prestress.tension | scene.prestress.rest_length)
-    known = np.concatenate([np.nan_to_num(tension), np.zeros(len(model.bars))])
+    known = np.concatenate([np.nan_to_num(tension), np.zeros(matrix.shape[1] - count)])
     load = free_rows(model, loads(model)) + matrix @ known
     found = -lstsq(matrix[:, columns], load)[: len(unknown)]
     scale = max(1.0, float(np.abs(load).max(initial=0.0)))
@@ -103,6 +106,6 @@ def require_balance(scene: Scene, model: Model) -> None:
     node = model.node_names[model.free_nodes[int(np.argmax(force))]]
     problem = f"the given coordinates are not in equilibrium: {force.max():.3g} N stay unbalanced at {node}"
     remedy = 'Correct the coordinates or the prestress, or write start = "settled" (or "released").'
-    if not model.fixed.any() and np.any(model.g):
+    if not model.held.any() and np.any(model.g):
         remedy = "No node is fixed, so nothing bears the weight: fix a node, or let it float with gravity = 0."
     raise scene.error(f"nodes.{node}", problem, remedy)

@@ -102,7 +102,8 @@ def descend(surface: Surface, free: np.ndarray, tolerance: float) -> np.ndarray:
 def _require_support(surface: Surface) -> None:
     """A structure afloat has an equilibrium only where its loads cancel."""
     net = surface.load.sum(axis=0)[list(surface.model.axes)]
-    if not surface.model.fixed.any() and np.abs(net).max() > surface.balanced:
+    afloat = np.logical_not(surface.model.held[:, surface.model.axes].any(axis=0))
+    if np.abs(net[afloat]).max(initial=0.0) > surface.balanced:
         raise NoEquilibrium(
             f"no node is fixed, and the loads' sum is not 0 but {np.linalg.norm(net):.6g} N; fix a node, or let it float "
             "without gravity (gravity = 0)"

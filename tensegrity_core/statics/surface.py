@@ -12,6 +12,7 @@ from ..model import Model
 from .analysis import rigid_body_motions
 from .balance import Balance
 from .forces import BALANCED, EPS, coordinate_force, loads
+from .jointed import balance_of
 from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, lengths_between, require_small
 from .strings import Laws, string_branches, string_energy, string_tension, string_values
 
@@ -137,8 +138,10 @@ class Surface:
 
     def __init__(self, model: Model, force=None, decomposition=None, laws: Laws | None = None, balance: Balance | None = None):
         self.model, self.load = model, loads(model, force)
-        self.decomposition = decomposition or (Modes if freedoms(model) <= SMALL else _Factors)
-        self.balance = balance or Balance(model, self.decomposition.assembled)
+        self.decomposition = decomposition or (Modes if freedoms(model) <= SMALL or model.joint else _Factors)
+        if model.joint:
+            require_small(model, "settling bars that share nodes")
+        self.balance = balance or balance_of(model, self.decomposition.assembled)
         self.size, self.start = self.balance.size, self.balance.start
         length = lengths_between(model.nodes, model.strings)
         self.laws = string_branches(model, length) if laws is None else laws
