@@ -17,6 +17,7 @@ def summary(model: Model, start: str) -> str:
         f"{model.name}: {model.description}" if model.description else model.name,
         f"  nodes: {len(model.nodes)} ({len(model.fixed_nodes)} fixed), axes {axes}",
         f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
+        *_joints(model),
         *_analysis(model),
         f"  start: {start}, {_balance(model)}",
         *_moves(model),
@@ -48,6 +49,19 @@ def _analysis(model: Model) -> list[str]:
     ]
 
 
+def _joints(model: Model) -> list[str]:
+    """What is beyond class 1: partly fixed nodes, welds, bars whose forces the lengths leave open."""
+    lines = []
+    if model.partly_fixed:
+        axes = [f"{model.node_names[node]}.{'xyz'[axis]}" for node, along in model.partly_fixed for axis in along]
+        lines.append(f"  fixed along single axes: {', '.join(axes)}")
+    lines += [f"  one rigid body: {', '.join(model.bar_names[i] for i in body.bars)}" for body in model.bodies]
+    redundant = [name for name, one in zip(model.bar_names, model.redundant) if one]
+    if redundant:
+        lines.append(f"  redundant bars: {', '.join(redundant)}; their forces are the least that balance")
+    return lines
+
+
 LISTED = 500  # nodes or members; of more than these, only the range is shown
 
 
@@ -74,7 +88,7 @@ def _forces(model: Model) -> list[str]:
     return [
         "  member forces (tension positive):",
         *(f"    {name}: {f:z.6g} N, rest length {xi:.6g} m" for name, f, xi in strings),
-        *(f"    {name}: {f:z.6g} N" for name, f in bars),
+        *(f"    {name}: {f:z.6g} N{' (redundant)' * int(one)}" for (name, f), one in zip(bars, model.redundant)),
     ]
 
 
@@ -111,5 +125,8 @@ def data(model: Model, start: str) -> dict[str, Any]:
         "structure": structure,
         "forces": dict(zip((*model.string_names, *model.bar_names), force)),
         "rest_lengths": dict(zip(model.string_names, model.rest_length.tolist())),
+        "partly_fixed": {model.node_names[node]: ["xyz"[axis] for axis in axes] for node, axes in model.partly_fixed},
+        "rigid_bodies": [[model.bar_names[i] for i in body.bars] for body in model.bodies],
+        "redundant_bars": [name for name, one in zip(model.bar_names, model.redundant) if one],
         "honeycombs": [model.string_names[i] for i in model.nsh_strings],
     }

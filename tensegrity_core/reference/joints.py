@@ -23,14 +23,15 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ..model import Model
+from ..errors import InputError
+from ..model import Inputs, Model
 from ..model.welds import distances, followers
 from .equations import connectivity, diagonal
 
 #: Eigenvalues of G M^-1 G^T, rows and columns scaled to a diagonal of 1, below which constraints depend on each other at the
 #: start, and below which those that did not do so later.
 DEPENDENT = 1e-10
-SINGULAR = 1e-13
+SINGULAR = 1e-8
 #: Part of its length by which moved nodes may seem to stretch a bar between them: inputs are given in so many digits.
 STRETCHED = 1e-6
 #: Newton steps back onto the constraints.
@@ -173,7 +174,7 @@ class Joints:
 
     def drift(self, N, Ndot) -> float:
         """Largest relative deviation of the constraints; of their rates, in 1/s, or relative to velocities above 1 m/s.  Bars
-        between held nodes are left out, see `stretched`."""
+        between held nodes are left out: their lengths are checked beforehand."""
         return float(self.off(N, Ndot).max(initial=0.0))
 
     def off(self, N, Ndot) -> np.ndarray:
@@ -181,14 +182,6 @@ class Joints:
         speed = max(1.0, float(np.abs(Ndot).max()))
         rates = diagonal(self.directions(N), Ndot.dot(self.C.T)) / (2.0 * self.size * speed)
         return np.where(self._felt, np.maximum(np.abs(self.values(N) / (2.0 * self.size)), np.abs(rates)), 0.0)
-
-    def stretched(self, N) -> str:
-        """What moved nodes at N do to a bar whose ends they hold, in words; '' where all such bars keep their lengths."""
-        off = np.where(self._felt, 0.0, self.values(N) / (2.0 * self.size))
-        worst = int(np.argmax(np.abs(off))) if len(off) else 0
-        if not len(off) or abs(off[worst]) <= STRETCHED:
-            return ""
-        return f"moved nodes stretch bar {self.named(np.eye(len(off))[worst])} by {off[worst]:.3g} of its length"
 
     def jumped(self, N, Ndot, shift, dv) -> tuple[np.ndarray, np.ndarray]:
         """N, Ndot (3, n) after moved coordinates jumped by shift and their velocities by dv (3, n).
@@ -232,4 +225,24 @@ def _factor(W):
         factor = scipy.linalg.cho_factor(W, check_finite=False)
     except np.linalg.LinAlgError:
         return None
-    return factor if float(np.diagonal(factor[0]).min()) ** 2 > DEPENDENT else None
+    return factor if float(np.diagonal(factor[0]).min()) ** 2 > 10.0 * SINGULAR else None  # else the eigenvalues are asked
+
+
+def require_cranks(model: Model, inputs: Inputs) -> None:
+    """Raises InputError where moved nodes do not keep the length of a bar whose ends they hold, at a communication point."""
+    held = np.asarray(model.held[:, model.axes].all(axis=1))
+    cranks = np.flatnonzero(held[model.bars].all(axis=1))
+    if not len(cranks):
+        return
+    moving = list(model.moving)
+    place = np.tile(model.nodes, (len(inputs.times) - 1, 1, 1))
+    place[:, moving] = np.where(model.moved[moving], inputs.resolved(model).node_position, place[:, moving])
+    ends = model.bars[cranks]
+    off = np.linalg.norm(place[:, ends[:, 1]] - place[:, ends[:, 0]], axis=2) / model.bar_length[cranks] - 1.0
+    wrong = np.argwhere(np.abs(off) > STRETCHED)
+    if len(wrong):
+        k, i = wrong[0]
+        raise InputError(
+            f"node_position stretches bar {model.bar_names[cranks[i]]!r}, both of whose ends are held, by {off[k, i]:.3g} "
+            f"of its length at t = {float(inputs.times[k])!r} s; let its ends keep their distance"
+        )

@@ -34,7 +34,7 @@ from ..quantities import number
 from . import instant
 from .equations import diagonal, string_motion
 from .instant import Mode, Strings, gaps, mode_of, motion_at, strings_at
-from .joints import Joints, Singular
+from .joints import Joints, Singular, require_cranks
 from .moved import jumped, path
 from .structure import Structure
 
@@ -252,11 +252,7 @@ class _Run:
         shift, dv = self.load.node_position - position, self.load.node_velocity - velocity
         if self.s.joints is not None:
             select, moved = self.s.moved.select, self.s.moved_axes
-            N, Ndot = self.s.joints.jumped(N, Ndot, (shift * moved) @ select, (dv * moved) @ select)
-            why = self.s.joints.stretched(N)
-            if why:
-                raise SimulationError("contradictory", f"{why}; move both of its ends alike", self.load.since)
-            return self.pack(N, Ndot, others)
+            return self.pack(*self.s.joints.jumped(N, Ndot, (shift * moved) @ select, (dv * moved) @ select), others)
         return self.pack(*jumped(self.s.moved, N, Ndot, shift, dv), others)
 
     # The loop.
@@ -614,6 +610,7 @@ def simulate(
         raise InputError(f"method = {method!r}: use 'auto' or one of {', '.join(METHODS)}")
     rtol, atol = number("rtol", rtol), number("atol", atol)
     _check_inputs(model, inputs)
+    require_cranks(model, inputs)
     run = _Run(model, inputs.resolved(model), rtol, atol, method, told)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # every step is checked to be finite
         try:
@@ -630,7 +627,7 @@ def simulate(
 def _singular(run: _Run, failure: Singular) -> SimulationError:
     names = run.s.joints.named(failure.parts) if run.s.joints else ""
     why = f"no finite force keeps the lengths of bars {names}, which have come into one line or plane"
-    return SimulationError("singular", f"{why}; keep them away from there", run.now)
+    return SimulationError("singular", f"{why}; keep them away from there", float(run.now))
 
 
 def _check_inputs(model: Model, inputs: Inputs) -> None:

@@ -257,9 +257,6 @@ class Scene(Entry):
     actuators: dict[Name, Actuator] = Field(default_factory=dict, description="actuators of strings by name")
     elements: dict[Name, Element] = Field(default_factory=dict, description="force laws of strings, and their parts, by name")
     dampers: dict[Name, Damper] = Field(default_factory=dict, description="dampers that are not linear, by name")
-    velocities: dict[str, Velocity] = Field(
-        default_factory=dict, description="node name = its start velocity [x, y, z] in m/s (two components in a planar scene)"
-    )
     bars: dict[Name, Bar] = Field(min_length=1, description="bars by name, at least one")
     weld: Annotated[tuple[Weld, ...], Strict(False)] = Field(
         (), description='bars that are one rigid body, as in [["b1", "b2"], ["b3", "b4", "b5"]]'
@@ -272,6 +269,9 @@ class Scene(Entry):
     )
     drag: dict[str, NotNegative] = Field(
         default_factory=dict, description="free node's name = drag coefficient in N s/m, force per velocity, 0 or more"
+    )
+    velocities: dict[str, Velocity] = Field(
+        default_factory=dict, description="node name = its start velocity [x, y, z] in m/s (two components in a planar scene)"
     )
     prestress: Prestress = Field(default_factory=Prestress, description="what is known of the strings at the given coordinates")
 
