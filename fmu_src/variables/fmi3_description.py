@@ -29,9 +29,9 @@ CAPABILITIES = _ALWAYS | {
     "canHandleVariableCommunicationStepSize": True,
     "maxOutputDerivativeOrder": 1,
     "hasEventMode": True,
-    "providesIntermediateUpdate": False,
-    "mightReturnEarlyFromDoStep": False,
-    "canReturnEarlyAfterIntermediateUpdate": False,
+    "providesIntermediateUpdate": True,
+    "mightReturnEarlyFromDoStep": True,
+    "canReturnEarlyAfterIntermediateUpdate": True,
 }
 
 #: Types of FMI 3.0 by those of the table.
@@ -98,12 +98,7 @@ def _add_variables(root: XML.Element, table: tuple[Variable, ...], kind: str) ->
             attributes["derivative"] = str(owner[row.derivative_of])
         if row.reference in integrated:
             attributes["reinit"] = "true"
-        if (
-            kind != "me"
-            and row.variability == "continuous"
-            and row.causality == "output"
-            and CAPABILITIES["providesIntermediateUpdate"]
-        ):
+        if kind != "me" and row.variability == "continuous" and row.causality == "output":
             attributes["intermediateUpdate"] = "true"
         element = XML.SubElement(variables, TYPES[row.kind], attributes)
         if whole.is_array:
