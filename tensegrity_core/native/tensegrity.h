@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#if defined(TS_INTERNAL) /* inside another library: nothing of the kernel is exported */
+#if !defined(TS_EXPORTED) /* defined where the kernel is a library of its own, else nothing of it is exported */
 #define TS_API
 #elif defined(_WIN32)
 #define TS_API __declspec(dllexport)

@@ -70,7 +70,7 @@ def sanitized(tmp_path_factory):
         if build.system_compiler() is None or probe.returncode:
             folder.mkdir(parents=True)  # without a program: skipped below
         else:
-            compiled(folder, "host", ["-std=c99", *SANITIZERS, "-DLINKED", "-DTS_INTERNAL"], sources)
+            compiled(folder, "host", ["-std=c99", *SANITIZERS, "-DLINKED"], sources)
 
     program = once(tmp_path_factory, "native_sanitized", make) / "host"
     if not program.exists():
@@ -345,6 +345,6 @@ def test_sources_compile_without_a_warning(tmp_path):
     if command is None:
         pytest.skip("no C compiler")
     for path in (*build.runtime_sources(), *build.kernel_sources()):
-        line = [*command, *WARNINGS, "-DTS_INTERNAL", "-fsyntax-only", f"-I{build.fmi_headers()}", f"-I{build.HERE}", str(path)]
+        line = [*command, *WARNINGS, "-fsyntax-only", f"-I{build.fmi_headers()}", f"-I{build.HERE}", str(path)]
         done = subprocess.run(line, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
