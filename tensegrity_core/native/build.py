@@ -185,20 +185,24 @@ def _kernel(options: list[str], exported: bool) -> list[Part]:
     return [Part(inner, options, [HERE]), Part(interface, options + ["-DTS_EXPORTED"] * exported, [HERE])]
 
 
-def _linked(target: Path, command: list[str], parts: list[Part], options: list[str], objects: Path | None) -> Path:
-    """The parts as one library; options: of the linker; objects: folder in which object files are found and left, or None."""
+def _linked(
+    target: Path, command: list[str], parts: list[Part], options: list[str], windows: bool, objects: Path | None
+) -> Path:
+    """The parts as one library.  options: of the linker; objects: folder in which object files are found and left, or None."""
+    libraries = [] if windows else ["-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
     with tempfile.TemporaryDirectory() as scratch:
         files = [path for part in parts for path in part.compiled(command, objects or Path(scratch))]
-        return _whole(target, [*command, "-shared", *options, *map(str, files)])
+        return _whole(target, [*command, "-shared", *options, *map(str, files), *libraries])
 
 
 def _whole(target: Path, command: list[str]) -> Path:
-    """Run a compiler whose file appears whole or not at all.  Raises RuntimeError with the compiler's words."""
+    """Run a compiler whose file appears whole or not at all, and is the same whenever it is made: else libraries for Windows
+    hold the time.  Raises RuntimeError with the compiler's words."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         fresh = Path(scratch) / target.name
-        line = [*command, "-o", str(fresh)]
-        run = subprocess.run(line, capture_output=True, text=True, errors="replace")  # it names paths, which are bytes
+        line, surroundings = [*command, "-o", str(fresh)], {"SOURCE_DATE_EPOCH": "0", **os.environ}
+        run = subprocess.run(line, capture_output=True, text=True, errors="replace", env=surroundings)  # it names paths: bytes
         if run.returncode:
             raise RuntimeError(f"compiling {target.name} failed; command: {' '.join(line)}\n{run.stderr}")
         os.replace(fresh, target)
@@ -209,17 +213,13 @@ def _flags(windows: bool) -> list[str]:
     return [*FLAGS, *([] if windows else ["-fPIC"])]
 
 
-def _libraries(windows: bool) -> list[str]:
-    return [] if windows else ["-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
-
-
 def compile_library(
     directory: Path, command: list[str] | None = None, options: tuple[str, ...] = (), objects: Path | None = None
 ) -> Path:
     """The kernel for this platform, into a folder; options: of the compiler, they come after FLAGS; objects: see _linked."""
     command, windows = command or system_compiler() or zig(), sys.platform == "win32"
     parts = _kernel([*_flags(windows), *options], exported=True)
-    return _linked(directory / LIBRARY, command, parts, [*options, *_libraries(windows)], objects)
+    return _linked(directory / LIBRARY, command, parts, list(options), windows, objects)
 
 
 def _compile_for(platform: str | None, target: Path, parts: Callable[[list[str]], list[Part]], objects: Path | None) -> Path:
@@ -229,10 +229,10 @@ def _compile_for(platform: str | None, target: Path, parts: Callable[[list[str]]
     if platform is not None:
         command = zig(platform)
         windows, darwin = platform.startswith("win"), "darwin" in platform
-    options = ["-s", *_libraries(windows)]
+    options = ["-s"]
     if platform and darwin:  # else the folder of this compilation is written into the library
         options.append(f"-Wl,-install_name,@rpath/{target.name}")
-    return _linked(target, command, parts(_flags(windows)), options, objects)
+    return _linked(target, command, parts(_flags(windows)), options, windows, objects)
 
 
 def compile_fmu_library(target: Path, platform: str | None = None, objects: Path | None = None) -> Path:

@@ -106,8 +106,10 @@ def run(tree: Path, *command, code: int = 0) -> str:
 
 
 def build_libraries(tree: Path, *more: str) -> None:
-    """What installing the package does, for the kernel, in less time, and what else is named."""
-    lines = ["from tensegrity_core.native import build", "build.compile_library(build.HERE, options=('-O1',))", *more]
+    """What installing the package does, for the kernel, in less time, and what else is named.  Objects stay in the tree, and go
+    along into its copies."""
+    lines = ["from pathlib import Path", "from tensegrity_core.native import build", "build.FLAGS.append('-O1')"]
+    lines += ["objects = Path('objects')", "build.compile_library(build.HERE, objects=objects)", *more]
     run(tree, "-c", "\n".join(lines))
 
 
@@ -178,7 +180,7 @@ def tree(tmp_path_factory) -> Path:
             before = after
         (folder / "hardening.toml").write_text(SCENE, encoding="utf-8")
         run(folder, "-m", "tensegrity_core.fields")
-        build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY)")
+        build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY, objects=objects)")
 
     return once(tmp_path_factory, "additions", make)
 

@@ -164,7 +164,7 @@ def test_a_missing_library_is_told(tree, tmp_path):
 
 
 def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatch, capsys):
-    def compiler(target, name):
+    def compiler(target, name, objects):
         assert capsys.readouterr().out == f"compiling for {name} ...\n"
         target.write_bytes(b"library")
         return target
