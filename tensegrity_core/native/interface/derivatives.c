@@ -125,7 +125,7 @@ static double *cleared(workspace *w)
     return w->z;
 }
 
-static int finite(ts_sim *sim, const double *x, int32_t count)
+static int require_finite(ts_sim *sim, const double *x, int32_t count)
 {
     if (ts_all_finite(x, count)) return TS_OK;
     return ts_say(sim, TS_NOT_FINITE, "a product with the derivatives is not a finite number");
@@ -145,7 +145,7 @@ int ts_directional(ts_sim *sim, void *work, const double *known, double *unknown
     ts_pick_states(m, z + w->d.at.dy, unknown + states);
     memcpy(unknown + 2 * states, z + w->d.at.outputs, sizeof(double) * (size_t)outputs);
     memcpy(unknown + 2 * states + outputs, z + w->d.at.indicators, sizeof(double) * (size_t)ts_indicator_count(sim));
-    return finite(sim, unknown, ts_unknown_count(sim));
+    return require_finite(sim, unknown, ts_unknown_count(sim));
 }
 
 int ts_adjoint(ts_sim *sim, void *work, const double *unknown, double *known)
@@ -162,5 +162,5 @@ int ts_adjoint(ts_sim *sim, void *work, const double *unknown, double *known)
     ts_chain_backward(&w->d.chain, z);
     ts_pick_states(m, z + w->d.at.y, known);
     memcpy(known + states, z + w->d.at.values, sizeof(double) * (size_t)m->n_applied);
-    return finite(sim, known, ts_known_count(sim));
+    return require_finite(sim, known, ts_known_count(sim));
 }
