@@ -19,6 +19,8 @@ _ALWAYS = {
     "canBeInstantiatedOnlyOncePerProcess": False,
     "canGetAndSetFMUState": True,
     "canSerializeFMUState": True,
+    "providesDirectionalDerivatives": True,
+    "providesAdjointDerivatives": True,
 }
 
 #: What every FMU for model exchange can do.
@@ -143,7 +145,7 @@ def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
         XML.SubElement(structure, tag, attributes | kinds)
 
     def depends(whole: Whole) -> set[int]:
-        return set().union(*(row.depends or () for row in whole.rows))
+        return set().union(*((row.depends or frozenset()) | row.tuned for row in whole.rows))
 
     for whole in outputs:
         add("Output", whole, depends(whole))
