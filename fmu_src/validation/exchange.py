@@ -14,7 +14,7 @@ import numpy as np
 
 if __package__:
     from . import outside
-else:  # a script of its own, which `python -I` does not look around
+else:  # a script of its own, see outside.beside
     found = importlib.util.spec_from_file_location("outside", os.path.join(os.path.dirname(__file__), "outside.py"))
     outside = importlib.util.module_from_spec(found)  # type: ignore[arg-type]
     found.loader.exec_module(outside)  # type: ignore[union-attr]
@@ -29,13 +29,13 @@ class Inputs:
     """Held inputs at any time.  An input whose time derivative is an input, too, moves with it during a step."""
 
     def __init__(self, instance, names, times, values):
-        self.ports, self.times, self.values, self.k = Setter(instance, names), times, values, 0
-        place = {instance.by_name[name].name: i for i, name in enumerate(names)}
-        rates = {}
-        for name, i in place.items():
+        self.block, self.times, self.values, self.k = outside.Block(instance, names), times, values, 0
+        place, rates = {element: i for i, element in enumerate(self.block.names)}, {}  # type: ignore[var-annotated]
+        for name in names:
             whole = instance.by_name[name].derivative
-            if whole is not None and whole.name in place:
-                rates[place[whole.name]] = i
+            if whole is not None and whole.name in names:
+                pairs = zip(instance.elements(whole.name), instance.elements(name))
+                rates |= {place[element]: place[rate] for element, rate in pairs}
         self.order = [(i, rates[i], rates.get(rates[i])) for i in rates if rates[i] in rates]
         self.order += [(i, rates[i], None) for i in rates if rates[i] not in rates]
 
@@ -48,26 +48,12 @@ class Inputs:
 
     def apply(self, t, **_):
         """Called by fmpy's solver, too."""
-        self.ports.set(self.at(t, self.k))
+        self.block.view[:] = self.at(t, self.k)
+        self.block.set()
 
     def jump(self, k):
         """Whether step k does not go on with what the one before it ended with."""
         return not np.array_equal(self.at(self.times[k], k - 1), self.values[k])
-
-
-class Setter:
-    """All inputs in one call."""
-
-    def __init__(self, instance, names):
-        self.fmu, self.count = instance.fmu, len(names)
-        self.references = instance.references(names)
-        self.buffer = (instance.fmi2.fmi2Real * len(names))()
-        self.view = np.frombuffer(self.buffer) if names else np.zeros(0)
-
-    def set(self, values):
-        self.view[:] = values
-        if self.count:
-            self.fmu.fmi2SetReal(self.fmu.component, self.references, self.count, self.buffer)
 
 
 class Instance(outside.Instance):
@@ -85,14 +71,14 @@ class Jacobian:
 
     def __init__(self, instance, solver):
         self.fmu, self.solver, described = instance.fmu, solver, instance.description
-        self.nominals, real = np.empty(solver.nx), instance.fmi2.fmi2Real
+        self.nominals = np.empty(solver.nx)
         self.fmu.getNominalsOfContinuousStates(self.pointer(self.nominals), solver.nx)
         self.step = self.differences
         if described.modelExchange.providesDirectionalDerivative:
             rates = [unknown.variable for unknown in described.derivatives]
-            self.rates = (instance.fmi2.fmi2ValueReference * len(rates))(*(rate.valueReference for rate in rates))
-            self.states = [instance.fmi2.fmi2ValueReference(rate.derivative.valueReference) for rate in rates]
-            self.one, self.step = real(1.0), self.directions
+            self.rates = (ctypes.c_uint * len(rates))(*(rate.valueReference for rate in rates))
+            self.states = [ctypes.c_uint(rate.derivative.valueReference) for rate in rates]
+            self.one, self.step = ctypes.c_double(1.0), self.directions
 
     @staticmethod
     def pointer(vector):
