@@ -25,37 +25,6 @@ TOLERANCE = 1e-10
 STEPS = 200_000
 
 
-class Inputs:
-    """Held inputs at any time.  An input whose time derivative is an input, too, moves with it during a step."""
-
-    def __init__(self, instance, names, times, values):
-        self.block, self.times, self.values, self.k = outside.Block(instance, names), times, values, 0
-        place, rates = {element: i for i, element in enumerate(self.block.names)}, {}  # type: ignore[var-annotated]
-        for name in names:
-            whole = instance.by_name[name].derivative
-            if whole is not None and whole.name in names:
-                pairs = zip(instance.elements(whole.name), instance.elements(name))
-                rates |= {place[element]: place[rate] for element, rate in pairs}
-        self.order = [(i, rates[i], rates.get(rates[i])) for i in rates if rates[i] in rates]
-        self.order += [(i, rates[i], None) for i in rates if rates[i] not in rates]
-
-    def at(self, t, k):
-        """(n,) at t of step k."""
-        now, tau = self.values[k].copy(), t - self.times[k]
-        for i, first, second in self.order:
-            now[i] += now[first] * tau + (0.5 * self.values[k, second] * tau * tau if second is not None else 0.0)
-        return now
-
-    def apply(self, t, **_):
-        """Called by fmpy's solver, too."""
-        self.block.view[:] = self.at(t, self.k)
-        self.block.set()
-
-    def jump(self, k):
-        """Whether step k does not go on with what the one before it ended with."""
-        return not np.array_equal(self.at(self.times[k], k - 1), self.values[k])
-
-
 class Instance(outside.Instance):
     """An FMU of model exchange."""
 
@@ -195,7 +164,7 @@ def run(instance, times, values, names, parameters, told=None):
     fmu = instance.fmu
     fmu.setupExperiment(startTime=times[0])
     instance.set(parameters)
-    inputs, ports = Inputs(instance, names, times, values), outside.Ports(instance, [])
+    inputs, ports = outside.Inputs(instance, names, times, values), outside.Ports(instance, [])
     inputs.apply(times[0])
     fmu.enterInitializationMode()
     ports.get()

@@ -1,9 +1,10 @@
 """Runs an FMU as a stranger would: `python -I outside.py job.json result.npz`, with numpy and fmpy and nothing else.
 
-The job: {"fmu": path, "options": of FMI 3.0, see outside3.py, "runs": [{"name", "arrays": .npz path, "inputs": [names],
-"parameters": {name: value}}]}; an array file holds times (K+1,) in s and values (K, number of inputs; of arrays, elements).
-The result holds for each run `name/outputs` (K+1, number of outputs; row 0 in Initialization Mode), `name/events` (number, 4: time, string, before, after) and
-`name/seconds`, and `output_names`, `strings`.  The project's own packages are barred: what runs is what the FMU holds.
+The job: {"fmu": path, "runs": [{"name", "arrays": .npz path, "inputs": [names], "parameters": {name: value}, "host": words for
+outside3.py}]}; an array file holds times (K+1,) in s and values (K, number of inputs; of arrays, elements).
+The result holds for each run `name/outputs` (K+1, number of outputs; row 0 in Initialization Mode), `name/events` (number, 4:
+time, string, before, after) and `name/seconds`, and `output_names`, `strings`.  The project's own packages are barred: what
+runs is what the FMU holds.
 A third argument, WITH_PARENT, ends the run when standard input ends.
 """
 
@@ -106,7 +107,8 @@ class Instance:
         """Set inputs before a step; changed: whether some have."""
         ports.set()
 
-    def step(self, time, h):
+    def step(self, time, h, resume=None):
+        """resume(t): sets the inputs anew where a step has ended early, at t."""
         self.fmu.fmi2DoStep(self.fmu.component, time, h, True)
 
     def set(self, values):
@@ -150,6 +152,37 @@ class Block:
             self._get(*self._arguments)
 
 
+class Inputs:
+    """Held inputs at any time.  An input whose time derivative is an input, too, moves with it during a step."""
+
+    def __init__(self, instance, names, times, values):
+        self.block, self.times, self.values, self.k = Block(instance, names), times, values, 0
+        place, rates = {element: i for i, element in enumerate(self.block.names)}, {}  # type: ignore[var-annotated]
+        for name in names:
+            whole = instance.by_name[name].derivative
+            if whole is not None and whole.name in names:
+                pairs = zip(instance.elements(whole.name), instance.elements(name))
+                rates |= {place[element]: place[rate] for element, rate in pairs}
+        self.order = [(i, rates[i], rates.get(rates[i])) for i in rates if rates[i] in rates]
+        self.order += [(i, rates[i], None) for i in rates if rates[i] not in rates]
+
+    def at(self, t, k):
+        """(n,) at t of step k."""
+        now, tau = self.values[k].copy(), t - self.times[k]
+        for i, first, second in self.order:
+            now[i] += now[first] * tau + (0.5 * self.values[k, second] * tau * tau if second is not None else 0.0)
+        return now
+
+    def apply(self, t, **_):
+        """Called by fmpy's solver, too."""
+        self.block.view[:] = self.at(t, self.k)
+        self.block.set()
+
+    def jump(self, k):
+        """Whether step k does not go on with what the one before it ended with."""
+        return not np.array_equal(self.at(self.times[k], k - 1), self.values[k])
+
+
 class Ports:
     """All inputs and all outputs of an instance; set, step and get are one communication step."""
 
@@ -157,22 +190,22 @@ class Ports:
         self.instance = instance
         outputs = [v for v in instance.description.modelVariables if v.causality == "output"]
         whole = ("Integer", "Enumeration", "Int32")
-        self._inputs = Block(instance, inputs)
+        self.given = Block(instance, inputs)
         self._reals = Block(instance, [v.name for v in outputs if v.type in ("Real", "Float64")])
         self._integers = Block(instance, [v.name for v in outputs if v.type in whole], integers=True)
-        self.names, self.inputs = self._reals.names + self._integers.names, self._inputs.view
-        self.set = self._inputs.set
+        self.names, self.inputs = self._reals.names + self._integers.names, self.given.view
+        self.set = self.given.set
 
     def get(self):
         """Ask for all outputs; `row` shows them."""
         self._reals.get()
         self._integers.get()
 
-    def row(self):
-        return np.concatenate((self._reals.view, self._integers.view))
-
     def step(self, time, h):
         self.instance.step(time, h)
+
+    def row(self):
+        return np.concatenate((self._reals.view, self._integers.view))
 
 
 def run(instance, times, values, inputs, parameters, told=None):
@@ -183,7 +216,7 @@ def run(instance, times, values, inputs, parameters, told=None):
     fmu = instance.fmu
     fmu.setupExperiment(startTime=times[0])
     instance.set(parameters)
-    ports = Ports(instance, inputs)
+    ports, held = Ports(instance, inputs), Inputs(instance, inputs, times, values)
     ports.inputs[:] = values[0]
     ports.set()
     fmu.enterInitializationMode()
@@ -196,7 +229,8 @@ def run(instance, times, values, inputs, parameters, told=None):
     for k, now in enumerate(times[:-1]):
         ports.inputs[:] = values[k]
         instance.give(ports, k and np.any(values[k] != values[k - 1]))
-        ports.step(now, times[k + 1] - now)
+        held.k = k
+        instance.step(now, times[k + 1] - now, held.apply)
         ports.get()
         out[k + 1] = ports.row()
         if told:
@@ -248,10 +282,11 @@ def main(job_path, result_path, *options, make=Instance, run=run):
     os.chdir(os.path.abspath(os.sep))  # lxml wants a current folder whose name is UTF-8; all paths here are absolute
     description = read_model_description(job["fmu"])
     folder = extract(job["fmu"], unzipdir=os.path.join(os.path.dirname(result_path), "fmu"))
-    made = make if description.fmiVersion == "2.0" else beside("outside3").instances(make.KIND, **job.get("options", {}))
+    fmi3 = None if description.fmiVersion == "2.0" else beside("outside3")
     result, strings = {}, []  # type: ignore[var-annotated]
     for item in job["runs"]:
         arrays = np.load(item["arrays"])
+        made = fmi3.instances(make.KIND, item.get("host", ())) if fmi3 else make
         instance = made(description, folder, item["name"], True, CATEGORIES)
         out, names, seconds = run(instance, arrays["times"], arrays["values"], item["inputs"], item["parameters"])
         instance.close()

@@ -1,7 +1,7 @@
 """Runs FMUs of FMI 3.0 by the scripts outside.py and exchange.py, which lie beside it: fmpy's access under FMI 2.0's names.
 
-Options: `events`: Event Mode is used, which inputs that jump then take; `early`: a step may end at a transition, and is gone on
-with from there.
+Options: `events`: Event Mode is used, and takes the inputs that change; `early`: steps end at transitions, to go on from
+there.
 """
 
 import importlib.util
@@ -91,13 +91,16 @@ class Instance(outside.Instance):
         if self.events and changed:
             self.settle()
 
-    def step(self, time, h):
-        event, _, _, reached = self.fmu.doStep(time, h)
-        while self.early and reached < time + h:
-            if event and self.events:
+    def step(self, time, h, resume=None):
+        end = time + h
+        _, _, early, now = self.fmu.doStep(time, h)
+        while early:
+            if self.events:
                 self.fmu.enterEventMode()
+            resume(now)
+            if self.events:
                 self.settle()
-            event, _, _, reached = self.fmu.doStep(reached, time + h - reached)
+            _, _, early, now = self.fmu.doStep(now, end - now)
 
     def settle(self):
         """Out of Event Mode."""
@@ -115,6 +118,7 @@ class Model(Instance):
         return {}
 
 
-def instances(kind, **options):
-    """What makes instances of a kind, see Instance.KIND, with these options."""
-    return type("Chosen", ({"coSimulation": Instance, "modelExchange": Model}[kind],), options)
+def instances(kind, host=()):
+    """What makes instances of a kind, see Instance.KIND, for a host with these options."""
+    base = Model if kind == "modelExchange" else Instance
+    return type("Chosen", (base,), dict.fromkeys(host, True))
