@@ -63,7 +63,7 @@ def same_calls(model, folder, steps, host=()):
         out, outputs, _ = outside.run(one, times, values, inputs if fmi == "3.0" else names, {})
         one.close()
         told = outputs if fmi == "3.0" else [own[table[name]] for name in outputs]
-        rows.append({name: column for name, column in zip(told, out.T, strict=True)})
+        rows.append(dict(zip(told, out.T, strict=True)))
         events.append([text for _, category, text in one.messages if category == "logEvents"])
     assert set(rows[0]) == set(rows[1])
     if "early" in host:  # a scale, whose integrand has kinks that no step is cut at

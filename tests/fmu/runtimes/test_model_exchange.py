@@ -187,7 +187,7 @@ def test_the_command_builds_a_kind_beside_co_simulation(kind, tmp_path):
     ("options", "word"),
     [
         ({"kind": "fmi3"}, "use cs, me, both"),
-        ({"kind": "me", "runtimes": ("native", "python")}, "Python runtime has co-simulation of FMI 2.0 only"),
+        ({"kind": "me", "runtimes": ("native", "python")}, "Python runtime has co-simulation only"),
         ({"kind": "both", "runtimes": ("native",), "simple": True, "validate": False}, "--simple-types"),
         ({"kind": "me", "runtimes": ("native",), "apart": True}, "--detach-actuators"),
         ({"kind": "me", "runtimes": ("native",), "cross_check": Path("there")}, "--cross-check"),
