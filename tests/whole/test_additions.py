@@ -210,7 +210,7 @@ def test_an_fmu_with_all_of_them_is_validated(tree):
         "print(known['wind.x'].causality, u.min() > 0.0, abs(found['s3.elastic_force'] - law).max() < 1e-9)\n"
     )
     lines = run(tree, "-c", code).splitlines()
-    assert lines[-3:] == ["output m 6", "True True True", "input True True"], lines
+    assert lines[-3:] == ["output m 7", "True True True", "input True True"], lines
 
 
 def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Path:
