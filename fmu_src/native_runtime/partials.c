@@ -64,12 +64,14 @@ static int32_t known_at(const instance *fmu, const char *what, uint32_t vr)
     return -2;
 }
 
-/* Place among the kernel's unknowns; -2: refused. */
+/* Place among the kernel's unknowns; or -1: it is a whole number, which importers that take every output for a real one ask for, and
+ * stays; or -2: refused. */
 static int32_t unknown_at(const instance *fmu, const char *what, uint32_t vr)
 {
     const int32_t states = ts_continuous_count(fmu->sim), state = state_of(fmu, vr, 0);
     const int32_t rate = state_of(fmu, vr, fmu->state_count - STATES_IN_BLOCK);
     char text[256];
+    if (vr >= (uint32_t)fmu->table.reals && vr < (uint32_t)fmu->counted && !fmu->table.settable[vr]) return -1;
     if (vr >= (uint32_t)fmu->first_output && vr < (uint32_t)fmu->table.reals)
         return 2 * states + (int32_t)vr - fmu->first_output;
     if (state >= 0) return state;
@@ -139,6 +141,7 @@ fmu_status fmu_get_partials(instance *fmu, const fmu_product *p, int adjoint)
     const void *of_known = adjoint ? (const void *)p->sensitivity : p->seed;
     const void *of_unknown = adjoint ? (const void *)p->seed : p->sensitivity;
     fmu_status status = fmu_look_up(fmu, p->what, p->known, p->knowns, of_known, n_known, range);
+    range.other = range.other_end = 0;
     if (status == FMU_OK) status = fmu_look_up(fmu, p->what, p->unknown, p->unknowns, of_unknown, n_unknown, range);
     if (status == FMU_OK) status = check(fmu, p->what, p->known, p->knowns, known_at);
     if (status == FMU_OK) status = check(fmu, p->what, p->unknown, p->unknowns, unknown_at);

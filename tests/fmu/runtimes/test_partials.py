@@ -232,3 +232,13 @@ def test_co_simulation_of_the_second_version_has_none(calls):
     assert one.along(one.names("output")[:1], one.names("input")[:1], [1.0])[0] == DISCARD
     assert one.said("in co-simulation directional derivatives are not provided")
     assert ERROR not in [status for status, _, _ in one.messages]
+
+
+def test_a_number_that_counts_beams_does_not_change(calls):
+    """Some importers, CasADi among them, ask for every output."""
+    one = calls()
+    counts = one.names("output", "Integer")
+    status, found = one.along([*one.rates()[:1], *counts], one.state_names()[:1], [1.0])
+    assert status == OK and not found[1:].any() and len(found) == 1 + len(counts)
+    if counts:
+        assert one.along(one.rates(), counts[:1], [1.0])[0] == DISCARD and one.said("no Real variable")
