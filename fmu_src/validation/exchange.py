@@ -30,6 +30,16 @@ class Instance(outside.Instance):
 
     ACCESS, KIND = "FMU2Model", "modelExchange"
 
+    def partials(self):
+        """What fills a vector with the derivatives of all rates by the state of a number; None: the FMU has nothing for it."""
+        if not self.description.modelExchange.providesDirectionalDerivative:
+            return None
+        listed = [unknown.variable for unknown in self.description.derivatives]
+        rates = (ctypes.c_uint * len(listed))(*(rate.valueReference for rate in listed))
+        states = [ctypes.c_uint(rate.derivative.valueReference) for rate in listed]
+        call, component, one = self.fmu.fmi2GetDirectionalDerivative, self.fmu.component, ctypes.c_double(1.0)
+        return lambda i, column: call(component, rates, len(rates), states[i], 1, one, column)
+
 
 class Jacobian:
     """Derivatives of an FMU by its states, for CVODE; by directional derivatives where the FMU has them.
@@ -39,15 +49,11 @@ class Jacobian:
     states' nominal values."""
 
     def __init__(self, instance, solver):
-        self.fmu, self.solver, described = instance.fmu, solver, instance.description
+        self.fmu, self.solver = instance.fmu, solver
         self.nominals = np.empty(solver.nx)
         self.fmu.getNominalsOfContinuousStates(self.pointer(self.nominals), solver.nx)
-        self.step = self.differences
-        if described.modelExchange.providesDirectionalDerivative:
-            rates = [unknown.variable for unknown in described.derivatives]
-            self.rates = (ctypes.c_uint * len(rates))(*(rate.valueReference for rate in rates))
-            self.states = [ctypes.c_uint(rate.derivative.valueReference) for rate in rates]
-            self.one, self.step = ctypes.c_double(1.0), self.directions
+        self.partials = instance.partials()
+        self.step = self.directions if self.partials else self.differences
 
     @staticmethod
     def pointer(vector):
@@ -83,9 +89,8 @@ class Jacobian:
         self.fmu.setTime(t)
         self.solver.input.apply(t)
         self.fmu.setContinuousStates(self.pointer(states), len(states))
-        call, count = self.fmu.fmi2GetDirectionalDerivative, len(states)
-        for state, column in zip(self.states, columns):
-            call(self.fmu.component, self.rates, count, state, 1, self.one, self.pointer(column))
+        for i, column in enumerate(columns):
+            self.partials(i, self.pointer(column))
 
     def differences(self, t, states, rates, columns):
         self.fmu.setTime(t)

@@ -4,8 +4,10 @@ Options: `events`: Event Mode is used, and takes the inputs that change; `early`
 there.
 """
 
+import ctypes
 import importlib.util
 import os
+from xml.etree import ElementTree
 
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
@@ -116,6 +118,25 @@ class Model(Instance):
 
     def _chosen(self):
         return {}
+
+    def partials(self):
+        """See exchange.Instance; fmpy 0.3.32 does not know whether an FMU of FMI 3.0 has them."""
+        root = ElementTree.parse(os.path.join(self.fmu.unzipDirectory, "modelDescription.xml")).getroot()
+        if root.find("ModelExchange[@providesDirectionalDerivatives='true']") is None:
+            return None
+        listed = [unknown.variable for unknown in self.description.derivatives]
+        rates = (ctypes.c_uint * len(listed))(*(rate.valueReference for rate in listed))
+        states, seeds = [], []
+        for state in (rate.derivative for rate in listed):
+            size = state.shape[0] if state.shape else 1
+            states += [ctypes.c_uint(state.valueReference)] * size
+            seeds += [(ctypes.c_double * size)(*(float(i == j) for j in range(size))) for i in range(size)]
+        call, component, count = self.fmu.fmi3GetDirectionalDerivative, self.fmu.component, len(states)
+
+        def filled(i, column):
+            call(component, rates, len(rates), states[i], 1, seeds[i], len(seeds[i]), column, count)
+
+        return filled
 
 
 def instances(kind, host=()):
