@@ -144,7 +144,7 @@ def source_files(identifier: str, version: int = 2) -> dict[str, bytes]:
     files["prefix.h"] = prefix_header(files, version)
     for name in ("resources.h", *(path.name for path in build.reads("kernel") if path.suffix == ".h")):
         files[name] = PREFIXED + files[name]
-    files["buildDescription.xml"] = build_description(identifier, compiled_of(files))
+    files["buildDescription.xml"] = build_description(identifier, compiled_of(files), version)
     return files
 
 
