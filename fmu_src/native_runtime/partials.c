@@ -53,7 +53,7 @@ static int32_t known_at(const instance *fmu, const char *what, uint32_t vr)
         const int settable = fmu->table.settable[vr] & (start ? MODE_INITIALIZATION : MODE_STEPPING);
         if (!settable) not_known(fmu, what, vr, "it is fixed after initialization");
         else if (!ts_differentiable(fmu->sim, states + (int32_t)vr))
-            not_known(fmu, what, vr, "a force curve is compiled from it");
+            not_known(fmu, what, vr, "derivatives by it are not provided");
         else return steps ? -1 : states + (int32_t)vr;
         return -2;
     }
@@ -72,8 +72,13 @@ static int32_t unknown_at(const instance *fmu, const char *what, uint32_t vr)
     const int32_t rate = state_of(fmu, vr, fmu->state_count - STATES_IN_BLOCK);
     char text[256];
     if (vr >= (uint32_t)fmu->table.reals && vr < (uint32_t)fmu->counted && !fmu->table.settable[vr]) return -1;
-    if (vr >= (uint32_t)fmu->first_output && vr < (uint32_t)fmu->table.reals)
-        return 2 * states + (int32_t)vr - fmu->first_output;
+    if (vr >= (uint32_t)fmu->first_output && vr < (uint32_t)fmu->table.reals) {
+        const int32_t output = 2 * states + (int32_t)vr - fmu->first_output;
+        if (ts_differentiated(fmu->sim, output)) return output;
+        snprintf(text, sizeof text, "%.100s is not differentiated", fmu->table.name[vr]);
+        fmu_refuse(fmu, what, text);
+        return -2;
+    }
     if (state >= 0) return state;
     if (rate >= 0) return states + rate;
     if (vr > (uint32_t)fmu->table.count) snprintf(text, sizeof text, "event indicators are not differentiated");

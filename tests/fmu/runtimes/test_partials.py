@@ -147,7 +147,7 @@ def test_the_start_is_differentiated_by_start_values(both, calls):
     compiled = [name for name in knowns if ".nsh." in name]
     if both[1] == "memory":
         compiled += ["s1.stiffness"]
-    assert sorted(refused) == sorted(compiled) and (not compiled or one.said("a force curve is compiled from it"))
+    assert sorted(refused) == sorted(compiled) and (not compiled or one.said("derivatives by it are not provided"))
     if "b1.mass" in knowns:
         before = one.get(*unknowns)
         slope = one.along(unknowns, ["b1.mass"], [1.0])[1]
