@@ -140,14 +140,14 @@ static fmu_status multiply(instance *fmu, const fmu_product *p, int adjoint)
 fmu_status fmu_get_partials(instance *fmu, const fmu_product *p, int adjoint)
 {
     const variable_table *t = &fmu->table;
-    fmu_range range = {fmu->standard->real, 0, t->count, t->reals, fmu->counted};
-    if (fmu->standard->number > 2) range.end += 1 + fmu->indicator_count;
+    const int more = fmu->standard->number > 2 ? 1 : 0; /* time is a variable, behind it event indicators */
+    const fmu_range knowns = {fmu->standard->real, 0, t->count + more, t->reals, fmu->counted};
+    const fmu_range unknowns = {fmu->standard->real, 0, t->count + more * (1 + fmu->indicator_count), 0, 0};
     const size_t n_known = adjoint ? p->n_sensitivity : p->n_seed, n_unknown = adjoint ? p->n_seed : p->n_sensitivity;
     const void *of_known = adjoint ? (const void *)p->sensitivity : p->seed;
     const void *of_unknown = adjoint ? (const void *)p->seed : p->sensitivity;
-    fmu_status status = fmu_look_up(fmu, p->what, p->known, p->knowns, of_known, n_known, range);
-    range.other = range.other_end = 0;
-    if (status == FMU_OK) status = fmu_look_up(fmu, p->what, p->unknown, p->unknowns, of_unknown, n_unknown, range);
+    fmu_status status = fmu_look_up(fmu, p->what, p->known, p->knowns, of_known, n_known, knowns);
+    if (status == FMU_OK) status = fmu_look_up(fmu, p->what, p->unknown, p->unknowns, of_unknown, n_unknown, unknowns);
     if (status == FMU_OK) status = check(fmu, p->what, p->known, p->knowns, known_at);
     if (status == FMU_OK) status = check(fmu, p->what, p->unknown, p->unknowns, unknown_at);
     if (status != FMU_OK) return status;

@@ -174,6 +174,7 @@ def test_what_is_refused_says_why(both, kind):
     force = next(name for name in one.names("input") if name.endswith(".force"))
     cases = [
         (indicators[:1], [force], "event indicators are not differentiated"),
+        ([output], indicators[:1], "no Float64 variable has the value reference"),
         ([output], [fixed], "fixed after initialization"),
         ([output], [output], "computed, and no state"),
         (["time"], [force], "time is not computed"),
