@@ -159,6 +159,7 @@ METHOD_MEANINGS = {
     "radau9": "L-stable implicit Runge-Kutta method of order 9 (Radau IIA)",
     "rk4": "classical explicit Runge-Kutta method of order 4, fixed step",
     "ros2": "L-stable linearly implicit method of order 2, fixed step and fixed cost: for real time",
+    "dopri5": "explicit Runge-Kutta method of order 5 by Dormand and Prince: for short steps",
 }
 METHODS = tuple(METHOD_MEANINGS)
 

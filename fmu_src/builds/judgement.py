@@ -18,6 +18,7 @@ from ..validation.report import write_report
 from ..validation.scenarios import Scenario, scenarios
 from ..validation.trials import trials
 from ..validation.validate import Validation, finish, repeated, run_outside, submit, workers
+from .options import Options
 from .work import Notes, Work
 
 #: Between two looks at how far the references have come, s.
@@ -34,16 +35,18 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages
     work.bar.what = "choosing inputs"
     runs = {name: runs_of(model, options.thorough) for name, model in models.items()}
     outside, status = {}, 0
-    for (name, runtime, kind, path), _ in each(hosted(built, options.kind), work.running):
+    hosts = hosted(built, options)
+    wide = max(WIDE, 2 + max(len(runtime) for _, runtime, _, _ in hosts))
+    for (name, runtime, kind, path), _ in each(hosts, work.running):
         work.bar.what = f"running {name}, {runtime}"
         some = repeated(runs[name]) if kind == "cs" else runs[name]
         try:
-            outside[name, runtime] = run_outside(path, models[name], options.naming, some, kind=kind)
+            outside[name, runtime] = run_outside(path, models[name], options.naming, some, kind=kind, fmi=options.fmi)
         except TensegrityError as error:
             status = work.fail(f"{name}, {runtime}", error)
     with workers() as executor:
         references = References(executor, work, {name: runs[name] for name in dict.fromkeys(name for name, _ in outside)})
-        table, found = [HEAD], []
+        table, found = [head(wide)], []
         files: dict[Path, str] = {}
         beside = {name: write_live(options.output, name, pages[name]) for name in references.started if name in pages}
         for ((name, runtime), results), _ in each(tuple(outside.items()), work.reporting):
@@ -63,11 +66,11 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages
             except TensegrityError as error:
                 status = work.fail(f"{name}, {runtime}", error)
                 continue
-            fmu, report = file_and_report(built, name, runtime)
+            (fmu, report) = next(files_of(one) for one in hosts if one[:2] == (name, runtime))
             live = beside.get(name)
             write_report(validation, report, live)
             files[report] = f"report of {name}, {runtime}"
-            table.append(row(validation))
+            table.append(row(validation, wide))
             found.append(data(validation, fmu, report, live))
             for future in references.started[name]:
                 told.add(*future.result().notes)
@@ -81,21 +84,27 @@ def validate(models: dict[str, Model], built: dict[tuple[str, str], Path], pages
     return status
 
 
-#: How a row of the table calls an FMU of both kinds by who integrates it: the FMU, or CVODE.
-BOTH = {"cs": "both: cs", "me": "both: me"}
+#: What is run from outside: scene, what table and report call it, kind of the host, file.
+Hosted = tuple[str, str, str, Path]
 
 
-def hosted(built: dict[tuple[str, str], Path], kind: str) -> tuple[tuple[str, str, str, Path], ...]:
-    """Scene, name of the runtime or kind, kind of the host, file: what is run from outside; an FMU of both kinds twice."""
-    if kind != "both":
-        return tuple((name, runtime if kind == "cs" else kind, kind, path) for (name, runtime), path in built.items())
-    return tuple((name, row, host, path) for (name, _), path in built.items() for host, row in BOTH.items())
+def hosted(built: dict[tuple[str, str], Path], options: Options) -> tuple[Hosted, ...]:
+    """An FMU of both kinds is run twice: it integrates itself, or CVODE does."""
+    if options.kind != "both":
+        return tuple(
+            (name, options.label(runtime if options.kind == "cs" else options.kind), options.kind, path)
+            for (name, runtime), path in built.items()
+        )
+    both = [(name, kind, path) for (name, _), path in built.items() for kind in ("cs", "me")]
+    return tuple((name, options.label(f"both: {kind}"), kind, path) for name, kind, path in both)
 
 
-def file_and_report(built: dict[tuple[str, str], Path], name: str, runtime: str) -> tuple[Path, Path]:
-    """An FMU by the scene and what `hosted` calls its runtime, and the file of its report."""
-    fmu = built.get((name, runtime)) or built[name, "native"]
-    return fmu, fmu.with_name(f"{fmu.stem}_me.html") if runtime == BOTH["me"] else fmu.with_suffix(".html")
+def files_of(one: Hosted) -> tuple[Path, Path]:
+    """The FMU, and its report."""
+    _, runtime, kind, fmu = one
+    return fmu, fmu.with_name(f"{fmu.stem}_me.html") if runtime.startswith("both") and kind == "me" else fmu.with_suffix(
+        ".html"
+    )
 
 
 class References:
@@ -141,13 +150,18 @@ def runs_of(model: Model, thorough: bool) -> list[Scenario]:
     return trials(model) + (scenarios(model, thorough=True) if thorough else [])
 
 
-HEAD = f"{'scene':<16}{'runtime':<9}{'position error':>15}{'force error':>13}{'step':>11}{'real time':>11}"
+#: Least width of the table's column for runtimes.
+WIDE = 9
 
 
-def row(validation: Validation) -> str:
+def head(wide: int = WIDE) -> str:
+    return f"{'scene':<16}{'runtime':<{wide}}{'position error':>15}{'force error':>13}{'step':>11}{'real time':>11}"
+
+
+def row(validation: Validation, wide: int = WIDE) -> str:
     """A line of the table: largest errors, wall time of a communication step, simulated time over wall time, and a remark."""
     return (
-        f"{validation.model.name:<16}{validation.runtime:<9}{validation.position:>13.1e} m{validation.force:>11.1e} N"
+        f"{validation.model.name:<16}{validation.runtime:<{wide}}{validation.position:>13.1e} m{validation.force:>11.1e} N"
         f"{1e6 * validation.seconds:>8.0f} us{validation.factor:>10.0f}x{remark(validation)}"
     )
 

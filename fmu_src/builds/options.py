@@ -77,14 +77,18 @@ class Options:
 
     def _require_together(self) -> None:
         """Raises InputError where model exchange or FMI 3.0 does not go with what else is asked for."""
-        python = "--runtime python: the Python runtime has co-simulation of FMI 2.0 only; give --runtime native"
+        python, wanted = "--runtime python: the Python runtime has {} only; give --runtime native", "python" in self.runtimes
         exchange: dict[str, Any] = {
-            python: "python" in self.runtimes,
+            python.format("co-simulation"): wanted,
             "--simple-types": self.simple,
             "--detach-actuators": self.apart,
+            "--cross-check": self.cross_check,
         }
-        exchange |= {"--cross-check": self.cross_check}
-        fmi3: dict[str, Any] = {python: "python" in self.runtimes, "--ssp": self.ssp, "--cross-check": self.cross_check}
+        fmi3: dict[str, Any] = {
+            python.format("FMI 2.0"): wanted,
+            "--ssp": self.ssp,
+            "--cross-check": self.cross_check,
+        }
         for option in (option for option, given in exchange.items() if given and self.kind != "cs"):
             raise InputError(f"--kind {self.kind} does not go with {option}")
         for option in (option for option, given in fmi3.items() if given and self.fmi != "2.0"):

@@ -100,7 +100,7 @@ fmu_status fmu_get_output_derivatives(instance *fmu, const char *what, const uin
 
 /* Outputs, states, their derivatives and event indicators as they follow from time, states and inputs; once for all that ask.
  * 0: there are none. */
-enum { VIEW_OUTPUTS = 1, VIEW_STATES = 2, VIEW_DERIVATIVES = 4, VIEW_INDICATORS = 8 };
+enum { VIEW_OUTPUTS = 1, VIEW_STATES = 2, VIEW_DERIVATIVES = 4, VIEW_INDICATORS = 8, VIEW_PARTIALS = 16 /* of partials.c */ };
 int fmu_view(instance *fmu, int what, const char *caller);
 int fmu_look_within(instance *fmu, int what, const char *caller); /* the same within a step */
 
@@ -112,6 +112,21 @@ fmu_status fmu_get_states(instance *fmu, const char *what, double x[], size_t n)
 fmu_status fmu_get_derivatives(instance *fmu, const char *what, double derivatives[], size_t n);
 fmu_status fmu_get_nominals(instance *fmu, const char *what, double nominals[], size_t n);
 fmu_status fmu_get_indicators(instance *fmu, const char *what, double indicators[], size_t n);
+
+/* partials.c: partial derivatives times a vector. -------------------------------------------------------------------------- */
+
+/* Numbers of seed and sensitivity are the sums of the variables' spans. */
+typedef struct {
+    const char *what; /* the function that was called */
+    const uint32_t *unknown, *known;
+    size_t unknowns, knowns;
+    const double *seed;  /* of the knowns; adjoint: weights of the unknowns */
+    double *sensitivity; /* of the unknowns; adjoint: by each of the knowns */
+    size_t n_seed, n_sensitivity;
+} fmu_product;
+
+int fmu_prepare_partials(instance *fmu); /* 0: out of memory */
+fmu_status fmu_get_partials(instance *fmu, const fmu_product *p, int adjoint);
 
 /* state.c: saved states, whose pointers the host holds. -------------------------------------------------------------------- */
 

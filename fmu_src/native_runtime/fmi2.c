@@ -137,10 +137,11 @@ FMI2_Export fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
                                                     const fmi2ValueReference known[], size_t knowns, const fmi2Real change[],
                                                     fmi2Real response[])
 {
-    (void)unknown, (void)unknowns, (void)known, (void)knowns, (void)change, (void)response;
     REQUIRE(c, AFTER_START, FMU_DISCARD);
-    const char *why = "directional derivatives are not provided: no output depends directly on an input";
-    return (fmi2Status)fmu_refuse(fmu, __func__, why);
+    const fmu_product product = {__func__, unknown, known, unknowns, knowns, change, response, knowns, unknowns};
+    const char *why = "in co-simulation directional derivatives are not provided: no output depends directly on an input";
+    if (fmu->kind == FMU_CO_SIMULATION) return (fmi2Status)fmu_refuse(fmu, __func__, why);
+    return (fmi2Status)fmu_get_partials(fmu, &product, 0);
 }
 
 /* -------------------------------------------------------------------------------------------------------------- states */

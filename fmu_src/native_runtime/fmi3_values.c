@@ -174,17 +174,14 @@ FMI3_Export fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueRefer
 
 /* --------------------------------------------------------------------------------------------------- partial derivatives */
 
-#define NO_DERIVATIVES "directional and adjoint derivatives are not provided"
-
 FMI3_Export fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n_unknowns,
                                                     const fmi3ValueReference knowns[], size_t n_knowns,
                                                     const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[],
                                                     size_t n_sensitivity)
 {
     REQUIRE(c, AFTER_START, FMU_DISCARD);
-    (void)unknowns, (void)n_unknowns, (void)knowns, (void)n_knowns, (void)seed, (void)n_seed;
-    (void)sensitivity, (void)n_sensitivity;
-    return (fmi3Status)fmu_refuse(fmu, __func__, NO_DERIVATIVES);
+    const fmu_product product = {__func__, unknowns, knowns, n_unknowns, n_knowns, seed, sensitivity, n_seed, n_sensitivity};
+    return (fmi3Status)fmu_get_partials(fmu, &product, 0);
 }
 
 FMI3_Export fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n_unknowns,
@@ -192,7 +189,6 @@ FMI3_Export fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
                                                 size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity)
 {
     REQUIRE(c, AFTER_START, FMU_DISCARD);
-    (void)unknowns, (void)n_unknowns, (void)knowns, (void)n_knowns, (void)seed, (void)n_seed;
-    (void)sensitivity, (void)n_sensitivity;
-    return (fmi3Status)fmu_refuse(fmu, __func__, NO_DERIVATIVES);
+    const fmu_product product = {__func__, unknowns, knowns, n_unknowns, n_knowns, seed, sensitivity, n_seed, n_sensitivity};
+    return (fmi3Status)fmu_get_partials(fmu, &product, 1);
 }

@@ -79,6 +79,8 @@ typedef struct instance {
     double *states;             /* (2, state_count) states and derivatives, as far as `viewed`; owned */
     double *indicators;         /* (indicator_count) as far as `viewed`; behind `states` */
     int32_t viewed;             /* what has been computed at the present time, states and inputs: bits VIEW_... of calls.h */
+    double *known, *unknown;    /* vectors of the kernel's products with derivatives; owned, NULL: this instance has none */
+    void *differentiated;       /* what it takes them of, as far as `viewed`; behind them */
     double tolerance;           /* the FMU's own, which keeps its promise; a host's may be tighter */
 
     /* saved with the FMU state */

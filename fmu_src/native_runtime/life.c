@@ -61,6 +61,7 @@ void fmu_release(instance *fmu)
     variables_free(&fmu->table);
     free(fmu->derivatives);
     free(fmu->states);
+    free(fmu->known);
     free(fmu->name);
     free(fmu);
 }
@@ -78,7 +79,8 @@ static int allocate(instance *fmu, char *why, size_t capacity)
     fmu->first_output = ts_output_first(fmu->sim);
     fmu->derivatives = (double *)malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
     fmu->states = (double *)malloc(sizeof(double) * (size_t)(2 * fmu->state_count + fmu->indicator_count + 1));
-    if (fmu->derivatives && fmu->states) {
+    const int partials = fmu->kind == FMU_MODEL_EXCHANGE || fmu->standard->number > 2;
+    if (fmu->derivatives && fmu->states && (!partials || fmu_prepare_partials(fmu))) {
         fmu->indicators = fmu->states + 2 * fmu->state_count;
         return 1;
     }

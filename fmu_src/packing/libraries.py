@@ -91,7 +91,7 @@ def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None, 
     say(f"compiling for {name} ...")
     try:
         with replacing_folder(target.parent) as fresh:
-            getattr(build, KINDS[kind].compiler)(fresh / target.name, name)
+            getattr(build, KINDS[kind].compiler)(fresh / target.name, name, kept(HERE) / "objects")
         return target
     except RuntimeError as error:
         raise PackError(str(error)) from error

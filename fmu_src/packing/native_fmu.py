@@ -31,13 +31,6 @@ from ..variables.states import event_indicators, exchange_variables, without_sol
 from .libraries import PackError, cross_compiled, here, host_library, on_arm, tuples
 from .pack import complete, write_zip
 
-#: Stands above the kernel's public header in sources/, because importers pass no definitions for FMI 2.0.
-INTERNAL = b"""#ifndef TS_INTERNAL
-#define TS_INTERNAL /* part of an FMU: nothing of the kernel is exported */
-#endif
-
-"""
-
 #: Stands above the headers in sources/, but for those that include FMI's, which must come first.
 PREFIXED = b'#include "prefix.h"\n\n'
 
@@ -149,10 +142,9 @@ def source_files(identifier: str, version: int = 2) -> dict[str, bytes]:
     if len(files) < len(paths):
         raise PackError("two source files have the same name; in sources/ one would hide the other")
     files["prefix.h"] = prefix_header(files, version)
-    files["tensegrity.h"] = INTERNAL + files["tensegrity.h"]
     for name in ("resources.h", *(path.name for path in build.reads("kernel") if path.suffix == ".h")):
         files[name] = PREFIXED + files[name]
-    files["buildDescription.xml"] = build_description(identifier, compiled_of(files))
+    files["buildDescription.xml"] = build_description(identifier, compiled_of(files), version)
     return files
 
 

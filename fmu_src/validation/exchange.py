@@ -14,7 +14,7 @@ import numpy as np
 
 if __package__:
     from . import outside
-else:  # a script of its own, which `python -I` does not look around
+else:  # a script of its own, see outside.beside
     found = importlib.util.spec_from_file_location("outside", os.path.join(os.path.dirname(__file__), "outside.py"))
     outside = importlib.util.module_from_spec(found)  # type: ignore[arg-type]
     found.loader.exec_module(outside)  # type: ignore[union-attr]
@@ -25,55 +25,20 @@ TOLERANCE = 1e-10
 STEPS = 200_000
 
 
-class Inputs:
-    """Held inputs at any time.  An input whose time derivative is an input, too, moves with it during a step."""
-
-    def __init__(self, instance, names, times, values):
-        self.ports, self.times, self.values, self.k = Setter(instance, names), times, values, 0
-        place = {instance.by_name[name].name: i for i, name in enumerate(names)}
-        rates = {}
-        for name, i in place.items():
-            whole = instance.by_name[name].derivative
-            if whole is not None and whole.name in place:
-                rates[place[whole.name]] = i
-        self.order = [(i, rates[i], rates.get(rates[i])) for i in rates if rates[i] in rates]
-        self.order += [(i, rates[i], None) for i in rates if rates[i] not in rates]
-
-    def at(self, t, k):
-        """(n,) at t of step k."""
-        now, tau = self.values[k].copy(), t - self.times[k]
-        for i, first, second in self.order:
-            now[i] += now[first] * tau + (0.5 * self.values[k, second] * tau * tau if second is not None else 0.0)
-        return now
-
-    def apply(self, t, **_):
-        """Called by fmpy's solver, too."""
-        self.ports.set(self.at(t, self.k))
-
-    def jump(self, k):
-        """Whether step k does not go on with what the one before it ended with."""
-        return not np.array_equal(self.at(self.times[k], k - 1), self.values[k])
-
-
-class Setter:
-    """All inputs in one call."""
-
-    def __init__(self, instance, names):
-        self.fmu, self.count = instance.fmu, len(names)
-        self.references = instance.references(names)
-        self.buffer = (instance.fmi2.fmi2Real * len(names))()
-        self.view = np.frombuffer(self.buffer) if names else np.zeros(0)
-
-    def set(self, values):
-        self.view[:] = values
-        if self.count:
-            self.fmu.fmi2SetReal(self.fmu.component, self.references, self.count, self.buffer)
-
-
 class Instance(outside.Instance):
     """An FMU of model exchange."""
 
     ACCESS, KIND = "FMU2Model", "modelExchange"
+
+    def partials(self):
+        """What fills a vector with the derivatives of all rates by the state of a number; None: the FMU has nothing for it."""
+        if not self.description.modelExchange.providesDirectionalDerivative:
+            return None
+        listed = [unknown.variable for unknown in self.description.derivatives]
+        rates = (ctypes.c_uint * len(listed))(*(rate.valueReference for rate in listed))
+        states = [ctypes.c_uint(rate.derivative.valueReference) for rate in listed]
+        call, component, one = self.fmu.fmi2GetDirectionalDerivative, self.fmu.component, ctypes.c_double(1.0)
+        return lambda i, column: call(component, rates, len(rates), states[i], 1, one, column)
 
 
 class Jacobian:
@@ -84,15 +49,11 @@ class Jacobian:
     states' nominal values."""
 
     def __init__(self, instance, solver):
-        self.fmu, self.solver, described = instance.fmu, solver, instance.description
-        self.nominals, real = np.empty(solver.nx), instance.fmi2.fmi2Real
+        self.fmu, self.solver = instance.fmu, solver
+        self.nominals = np.empty(solver.nx)
         self.fmu.getNominalsOfContinuousStates(self.pointer(self.nominals), solver.nx)
-        self.step = self.differences
-        if described.modelExchange.providesDirectionalDerivative:
-            rates = [unknown.variable for unknown in described.derivatives]
-            self.rates = (instance.fmi2.fmi2ValueReference * len(rates))(*(rate.valueReference for rate in rates))
-            self.states = [instance.fmi2.fmi2ValueReference(rate.derivative.valueReference) for rate in rates]
-            self.one, self.step = real(1.0), self.directions
+        self.partials = instance.partials()
+        self.step = self.directions if self.partials else self.differences
 
     @staticmethod
     def pointer(vector):
@@ -128,9 +89,8 @@ class Jacobian:
         self.fmu.setTime(t)
         self.solver.input.apply(t)
         self.fmu.setContinuousStates(self.pointer(states), len(states))
-        call, count = self.fmu.fmi2GetDirectionalDerivative, len(states)
-        for state, column in zip(self.states, columns):
-            call(self.fmu.component, self.rates, count, state, 1, self.one, self.pointer(column))
+        for i, column in enumerate(columns):
+            self.partials(i, self.pointer(column))
 
     def differences(self, t, states, rates, columns):
         self.fmu.setTime(t)
@@ -209,7 +169,7 @@ def run(instance, times, values, names, parameters, told=None):
     fmu = instance.fmu
     fmu.setupExperiment(startTime=times[0])
     instance.set(parameters)
-    inputs, ports = Inputs(instance, names, times, values), outside.Ports(instance, [])
+    inputs, ports = outside.Inputs(instance, names, times, values), outside.Ports(instance, [])
     inputs.apply(times[0])
     fmu.enterInitializationMode()
     ports.get()

@@ -26,7 +26,8 @@ LIFT, WAVE = 42.0, 400.0
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """name: an identifier; title: for humans; model: with the damping of this scenario; inputs: held; short: a title that
-    fits into a line of a table; tolerance: of the FMU, None: its own; method: of the reference."""
+    fits into a line of a table; tolerance: of the FMU, None: its own; method: of the reference; host: what an FMI 3.0 host
+    makes use of, see outside3.py."""
 
     name: str
     title: str
@@ -35,6 +36,7 @@ class Scenario:
     short: str = ""
     tolerance: float | None = None
     method: str = "auto"
+    host: tuple[str, ...] = ()
 
 
 def scenarios(model: Model, duration: float = DURATION, step: float = STEP, thorough: bool = False) -> list[Scenario]:

@@ -28,6 +28,7 @@ from tensegrity_core.files import replacing, scratch, write_bytes, write_text
 from tensegrity_core.model import Model, Result, Transition
 
 from ..places import kept
+from ..variables.arrays import element_names, wholes
 from ..variables.interface import Variable, variables
 from .compare import HOSTED_LEDGER_BOUND, LEDGER_BOUND, Comparison, compare, series
 from .outside import WITH_PARENT
@@ -48,6 +49,8 @@ TIMEOUT = 900.0
 #: The FMU's tolerances in further runs, of which the best counts: what is wrong with its equations stays, while an accident of
 #: the error control (a step that meets the square root at the fold of a string with memory) does not.
 TIGHT = (1e-12, 2e-13)
+#: What a host of FMI 3.0 makes use of then; at the FMU's own tolerance it steps as one of FMI 2.0 does.
+HOSTS = (("events",), ("events", "early"))
 #: The start error, m and m/s, that the FMU may be worth then; at its own tolerance LARGER times as much.
 START_ERROR = 1e-9
 #: Settings of the reference: keyword arguments of reference.simulate; and those of another run where a comparison fails.
@@ -152,18 +155,21 @@ def run_outside(
     runs: list[Scenario] | None = None,
     python: str = sys.executable,
     kind: str = "cs",
+    fmi: str = "2.0",
 ) -> list[tuple[dict[str, np.ndarray], list[Transition], float]]:
     """Run an FMU in a fresh isolated interpreter.  Returns per scenario its outputs, transitions, and seconds per step.
 
     The scenarios' names must differ.
-    python: the interpreter; it needs numpy and fmpy only; kind: 'cs', or 'me': integrated by CVODE, see exchange.py.  Raises
-    ValidationError with the interpreter's last words.
+    python: the interpreter; it needs numpy and fmpy only; kind: 'cs', or 'me': integrated by CVODE, see exchange.py; fmi: the
+    FMU's version of FMI.  Raises ValidationError with the interpreter's last words.
     """
     table = variables(model, naming)
     runs = trials(model) if runs is None else runs
-    names = [row.name for row in table if row.causality == "input"]
+    own = element_names(table) if fmi == "3.0" else {row.reference: row.name for row in table}
+    given = [row for row in table if row.causality == "input"]
+    names = [whole.name for whole in wholes(given)] if fmi == "3.0" else [row.name for row in given]
     with scratch() as here:
-        for name in ("outside.py", "exchange.py"):
+        for name in ("outside.py", "outside3.py", "exchange.py"):
             write_bytes(here / name, (HERE / name).read_bytes())
         script = here / ("outside.py" if kind == "cs" else "exchange.py")
         job: dict[str, Any] = {"fmu": str(fmu.absolute()), "runs": []}
@@ -172,6 +178,7 @@ def run_outside(
                 np.savez(file, times=run.inputs.times, values=input_values(table, run))
             parameters = {row.name: value for row, value in _changed(table, model, run)}
             item = {"name": run.name, "arrays": str(here / f"{i}.npz"), "inputs": names, "parameters": parameters}
+            item |= {"host": run.host}
             job["runs"].append(item)
         write_text(here / "job.json", json.dumps(job))
         command = [python, "-I", str(script), str(here / "job.json"), str(here / "result.npz"), WITH_PARENT]
@@ -182,13 +189,15 @@ def run_outside(
         if done.returncode:
             raise ValidationError(f"{fmu}: the run from outside failed:\n{(done.stdout + done.stderr)[-3000:]}")
         with np.load(here / "result.npz", allow_pickle=False) as stored:
-            return [_outcome(stored, run, table) for run in runs]
+            common = {own[row.reference]: row.name for row in table}
+            outputs = [common[name] for name in stored["output_names"].tolist()]
+            return [_outcome(stored, run, table, outputs) for run in runs]
 
 
-def _outcome(stored, run: Scenario, table: tuple[Variable, ...]):
+def _outcome(stored, run: Scenario, table: tuple[Variable, ...], names: list[str]):
     strings = [run.model.string_names.index(name) for name in stored["strings"].tolist()]
     events = [Transition(t, strings[int(s)], int(a), int(b)) for t, s, a, b in stored[f"{run.name}/events"].tolist()]
-    outputs = series(run.model, table, stored["output_names"].tolist(), stored[f"{run.name}/outputs"])
+    outputs = series(run.model, table, names, stored[f"{run.name}/outputs"])
     return outputs, events, float(stored[f"{run.name}/seconds"]) / (len(run.inputs.times) - 1)
 
 
@@ -212,7 +221,12 @@ def _changed(table: tuple[Variable, ...], model: Model, run: Scenario):
 
 def repeated(runs: list[Scenario]) -> list[Scenario]:
     """The scenarios at the FMU's own tolerance, then at the tight ones."""
-    return runs + [replace(run, name=f"{run.name}_tight{i}", tolerance=TIGHT[i]) for i in range(len(TIGHT)) for run in runs]
+    tight = enumerate(zip(TIGHT, HOSTS, strict=True))
+    return runs + [
+        replace(run, name=f"{run.name}_tight{i}", tolerance=tolerance, host=host)
+        for i, (tolerance, host) in tight
+        for run in runs
+    ]
 
 
 def reference_settings(run: Scenario, again: bool = False) -> dict:

@@ -19,6 +19,8 @@ _ALWAYS = {
     "canBeInstantiatedOnlyOncePerProcess": False,
     "canGetAndSetFMUState": True,
     "canSerializeFMUState": True,
+    "providesDirectionalDerivatives": True,
+    "providesAdjointDerivatives": True,
 }
 
 #: What every FMU for model exchange can do.
@@ -29,9 +31,9 @@ CAPABILITIES = _ALWAYS | {
     "canHandleVariableCommunicationStepSize": True,
     "maxOutputDerivativeOrder": 1,
     "hasEventMode": True,
-    "providesIntermediateUpdate": False,
-    "mightReturnEarlyFromDoStep": False,
-    "canReturnEarlyAfterIntermediateUpdate": False,
+    "providesIntermediateUpdate": True,
+    "mightReturnEarlyFromDoStep": True,
+    "canReturnEarlyAfterIntermediateUpdate": True,
 }
 
 #: Types of FMI 3.0 by those of the table.
@@ -98,12 +100,7 @@ def _add_variables(root: XML.Element, table: tuple[Variable, ...], kind: str) ->
             attributes["derivative"] = str(owner[row.derivative_of])
         if row.reference in integrated:
             attributes["reinit"] = "true"
-        if (
-            kind != "me"
-            and row.variability == "continuous"
-            and row.causality == "output"
-            and CAPABILITIES["providesIntermediateUpdate"]
-        ):
+        if kind != "me" and row.variability == "continuous" and row.causality == "output":
             attributes["intermediateUpdate"] = "true"
         element = XML.SubElement(variables, TYPES[row.kind], attributes)
         if whole.is_array:
@@ -148,7 +145,7 @@ def _add_structure(root: XML.Element, table: tuple[Variable, ...]) -> None:
         XML.SubElement(structure, tag, attributes | kinds)
 
     def depends(whole: Whole) -> set[int]:
-        return set().union(*(row.depends or () for row in whole.rows))
+        return set().union(*((row.depends or frozenset()) | row.tuned for row in whole.rows))
 
     for whole in outputs:
         add("Output", whole, depends(whole))

@@ -56,8 +56,8 @@ class Variable:
     """One row.  Attributes are those of FMI; `field` names the row of `fields.FIELDS`; `known` are the value references on
     which an output, a state or a derivative depends in Initialization Mode; `derivative_of` is the reference of the variable
     whose time derivative it is; `depends`, in model exchange, those of states and inputs on which an output or a derivative
-    depends, `constant`: with constant factors; `array`: what it is an element of in FMI 3.0, None: a variable of its own; a
-    bound that does not exist is None.
+    depends, `tuned` the tunable parameters, `constant`: with constant factors; `array`: what it is an element of in FMI 3.0,
+    None: a variable of its own; a bound that does not exist is None.
     """
 
     name: str
@@ -76,6 +76,7 @@ class Variable:
     known: tuple[int, ...]
     derivative_of: int | None = None
     depends: frozenset[int] | None = None
+    tuned: frozenset[int] = frozenset()
     array: Array | None = None
     constant: bool = False
 

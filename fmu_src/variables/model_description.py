@@ -20,6 +20,7 @@ EXCHANGE_CAPABILITIES = {
     "canNotUseMemoryManagementFunctions": True,
     "canGetAndSetFMUstate": True,
     "canSerializeFMUstate": True,
+    "providesDirectionalDerivative": True,
 }
 
 #: What every FMU for co-simulation can do.

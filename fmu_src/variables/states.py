@@ -5,7 +5,7 @@ ledger, which are outputs.  References follow those of the kernel's blocks: stat
 all.  The scale of the ledger is left out: nobody integrates it there.
 
 Dependencies are those of the structure's graph.  Strings couple what hangs at their ends, on states and on the inputs of the
-same instant, in continuous time and in events; on parameters, which cannot change then or do so in events, nothing is listed.
+same instant, in continuous time and in events; tunable parameters, which change in events, stand apart: tunables.py.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from tensegrity_core.model.components import AXES
 from .dependencies import KNOWN, Places
 from .initial_states import Start
 from .interface import Array, Variable, flat, require_unique, variables
+from .tunables import Tunables
 
 #: Outputs that have no place in model exchange.
 LEFT_OUT = ("throughput",)
@@ -46,19 +47,25 @@ def exchange_variables(model: Model, naming: str = "structured") -> tuple[Variab
     depend on; of an input of which nothing is known here, all of them.  Raises ValueError where two would get the same name."""
     table = [row for row in variables(model, naming) if row.field not in LEFT_OUT]
     graph, nominals = Graph(model), ContinuousView(Kernel(model)).nominals
-    start, states = Start(graph), _states(graph, nominals, naming)
+    start, states, tunables = Start(graph), _states(graph, nominals, naming), Tunables(graph)
     integrals = [row for field in INTEGRALS for row in table if row.field == field]
     rates = [
         replace(
             _rate_of(state, graph.rate(i), nominals[i], naming),
             depends=graph.derivative(i),
+            tuned=tunables.derivative(i),
             known=tuple(start.derivative(i)),
             constant=i < graph.half,
         )
         for i, state in enumerate([*states, *integrals])
     ]
     states = [replace(row, known=tuple(start.state(i))) for i, row in enumerate(states)]
-    table = [replace(row, depends=graph.output(row.reference)) if row.causality == "output" else row for row in table]
+    table = [
+        replace(row, depends=graph.output(row.reference), tuned=tunables.output(row.reference))
+        if row.causality == "output"
+        else row
+        for row in table
+    ]
     found = _with_unknown([*table, *states, *rates])
     require_unique(found)
     return found
@@ -69,10 +76,11 @@ def _with_unknown(table: list[Variable]) -> tuple[Variable, ...]:
     is known here."""
     visible = frozenset(row.reference for row in table)
     inputs, parameters = _unknown(table, "input"), _unknown(table, "parameter")
+    tunable = frozenset(row.reference for row in table if row.variability == "tunable")
     found = []
     for row in table:
         if row.depends is not None:
-            row = replace(row, depends=(row.depends | inputs) & visible)
+            row = replace(row, depends=(row.depends | inputs) & visible, tuned=(row.tuned | parameters) & tunable)
         if row.causality == "local":
             row = replace(row, known=tuple(sorted((inputs | parameters).union(row.known) & visible)))
         found.append(row)
@@ -99,6 +107,7 @@ def event_indicators(model: Model, table: tuple[Variable, ...], first: int, nami
     """
     graph = Graph(model)
     found: list[Variable] = []
+    tunables, tunable = Tunables(graph), {row.reference for row in table if row.variability == "tunable"}
     visible, others = {row.reference for row in table}, _unknown(table, "input")
     each = ContinuousView(Kernel(model)).indicators // max(len(model.strings), 1)
     for s, string in enumerate(model.string_names):
@@ -108,7 +117,8 @@ def event_indicators(model: Model, table: tuple[Variable, ...], first: int, nami
         for i in range(each):
             row = _local(first + len(found), f"{whole.name}[{i + 1}]", "1", INDICATED[i], 1.0, naming, whole)
             depends = ((graph.tension(s) if i == 2 else graph.elastic(s)) | others) & visible
-            found.append(replace(row, unit=None, nominal=None, depends=frozenset(depends)))
+            tuned = (tunables.indicator(s, i) | _unknown(table, "parameter")) & tunable
+            found.append(replace(row, unit=None, nominal=None, depends=frozenset(depends), tuned=tuned))
     return tuple(found)
 
 

@@ -100,6 +100,7 @@ _PROTOTYPES = {
     "ts_unknown_count": (c_int32, c_void_p),
     "ts_derivatives_size": (c_size_t, c_void_p),
     "ts_differentiable": (c_int, c_void_p, c_int32),
+    "ts_differentiated": (c_int, c_void_p, c_int32),
     "ts_share_derivatives": (c_int, c_void_p, c_void_p, c_size_t),
     "ts_differentiate": (c_int, c_void_p, c_int, c_void_p),
     "ts_directional": (c_int, c_void_p, c_void_p, POINTER(c_double), POINTER(c_double)),

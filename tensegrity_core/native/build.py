@@ -9,6 +9,7 @@ The FMI headers are those of the installed fmpy.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import importlib.util
 import os
 import platform as machine
@@ -18,6 +19,8 @@ import sys
 import sysconfig
 import tempfile
 import types
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,7 +51,7 @@ ORDERS = {
 #: Suffixes of files that the compiler reads.
 SOURCES = {".c", ".h", ".def"}
 #: Runs on any processor of the platform's baseline; contraction off, so that platforms agree to the last digits.
-FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden", "-shared"]
+FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden"]
 
 
 class Target(NamedTuple):
@@ -152,62 +155,114 @@ def fmi_headers() -> Path:
     return Path(found.origin).parent / "c-code"
 
 
-def _compile(target: Path, command: list[str], sources: list[Path], options: list[str], windows: bool) -> Path:
-    extra = [] if windows else ["-fPIC", "-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
-    return _whole(target, [*command, *FLAGS, *options, *map(str, sources), *extra])
+class Part(NamedTuple):
+    """Sources that are compiled alike.  options: of the compiler; folders: where it looks for headers."""
+
+    sources: list[Path]
+    options: list[str]
+    folders: list[Path]
+
+    def compiled(self, command: list[str], folder: Path) -> list[Path]:
+        """Object files in a folder, each under a name that stands for all that determines it: what is there is taken."""
+        headers = [path for place in self.folders for path in sorted(place.rglob("*")) if path.suffix in SOURCES - {".c"}]
+        version = subprocess.run([*command, "--version"], capture_output=True).stdout
+        common = [" ".join([*command, *self.options]).encode(), version, *(path.read_bytes() for path in headers)]
+        line = [*command, *self.options, *(f"-I{place}" for place in self.folders)]
+
+        def made(source: Path) -> Path:
+            digest = hashlib.sha256(b"\0".join([source.name.encode(), source.read_bytes(), *common])).hexdigest()[:16]
+            target = folder / f"{source.stem}-{digest}.o"
+            return target if target.is_file() else _whole(target, [*line, "-c", str(source)])
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            return list(pool.map(made, self.sources))
+
+
+def _kernel(options: list[str], exported: bool) -> list[Part]:
+    """The kernel; exported: others may call it, which its interface alone has to know."""
+    inner = [path for path in kernel_sources() if path.parent.name != "interface"]
+    interface = [path for path in kernel_sources() if path.parent.name == "interface"]
+    return [Part(inner, options, [HERE]), Part(interface, options + ["-DTS_EXPORTED"] * exported, [HERE])]
+
+
+def _linked(
+    target: Path, command: list[str], parts: list[Part], options: list[str], windows: bool, objects: Path | None
+) -> Path:
+    """The parts as one library.  options: of the linker; objects: folder in which object files are found and left, or None."""
+    libraries = [] if windows else ["-lm", "-ldl"]  # until glibc 2.34 dlopen is in a library of its own
+    with tempfile.TemporaryDirectory() as scratch:
+        files = [path for part in parts for path in part.compiled(command, objects or Path(scratch))]
+        return _whole(target, [*command, "-shared", *options, *map(str, files), *libraries])
 
 
 def _whole(target: Path, command: list[str]) -> Path:
-    """Run a compiler whose file appears whole or not at all.  Raises RuntimeError with the compiler's words."""
+    """Run a compiler whose file appears whole or not at all, and is the same whenever it is made: else libraries for Windows
+    hold the time.  Raises RuntimeError with the compiler's words."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         fresh = Path(scratch) / target.name
-        line = [*command, "-o", str(fresh)]
-        run = subprocess.run(line, capture_output=True, text=True, errors="replace")  # it names paths, which are bytes
+        line, surroundings = [*command, "-o", str(fresh)], {"SOURCE_DATE_EPOCH": "0", **os.environ}
+        run = subprocess.run(line, capture_output=True, text=True, errors="replace", env=surroundings)  # it names paths: bytes
         if run.returncode:
             raise RuntimeError(f"compiling {target.name} failed; command: {' '.join(line)}\n{run.stderr}")
         os.replace(fresh, target)
     return target
 
 
-def compile_library(directory: Path, command: list[str] | None = None, options: tuple[str, ...] = ()) -> Path:
-    """The kernel for this platform, into a folder; options: of the compiler, they come after FLAGS."""
-    command = command or system_compiler() or zig()
-    return _compile(directory / LIBRARY, command, kernel_sources(), [f"-I{HERE}", *options], sys.platform == "win32")
+def _flags(windows: bool) -> list[str]:
+    return [*FLAGS, *([] if windows else ["-fPIC"])]
 
 
-def _compile_for(platform: str | None, target: Path, sources: list[Path], options: list[str]) -> Path:
-    """platform: a key of TARGETS, then zig compiles for it, or None for this platform."""
+def compile_library(
+    directory: Path, command: list[str] | None = None, options: tuple[str, ...] = (), objects: Path | None = None
+) -> Path:
+    """The kernel for this platform, into a folder; options: of the compiler, they come after FLAGS; objects: see _linked."""
+    command, windows = command or system_compiler() or zig(), sys.platform == "win32"
+    parts = _kernel([*_flags(windows), *options], exported=True)
+    return _linked(directory / LIBRARY, command, parts, list(options), windows, objects)
+
+
+def _compile_for(platform: str | None, target: Path, parts: Callable[[list[str]], list[Part]], objects: Path | None) -> Path:
+    """platform: a key of TARGETS, then zig compiles for it, or None for this platform; parts: by the options of the compiler;
+    objects: see _linked."""
     command, windows, darwin = system_compiler() or zig(), sys.platform == "win32", sys.platform == "darwin"
     if platform is not None:
         command = zig(platform)
         windows, darwin = platform.startswith("win"), "darwin" in platform
+    options = ["-s"]
     if platform and darwin:  # else the folder of this compilation is written into the library
-        options = [*options, f"-Wl,-install_name,@rpath/{target.name}"]
-    return _compile(target, command, sources, ["-s", *options], windows)
+        options.append(f"-Wl,-install_name,@rpath/{target.name}")
+    return _linked(target, command, parts(_flags(windows)), options, windows, objects)
 
 
-def compile_fmu_library(target: Path, platform: str | None = None) -> Path:
-    """The native FMU's library; platform: see _compile_for."""
-    options = ["-DTS_INTERNAL", f"-I{fmi_headers()}", f"-I{HERE}"]
-    return _compile_for(platform, target, runtime_sources() + kernel_sources(), options)
+def compile_fmu_library(target: Path, platform: str | None = None, objects: Path | None = None) -> Path:
+    """The native FMU's library; platform, objects: see _compile_for."""
+
+    def parts(options: list[str]) -> list[Part]:
+        runtime = Part(runtime_sources(), options, [fmi_headers(), HERE, RUNTIME])
+        return [runtime, *_kernel(options, exported=False)]
+
+    return _compile_for(platform, target, parts, objects)
 
 
-def compile_python_library(target: Path, platform: str | None = None) -> Path:
-    """The Python FMU's library; platform: see _compile_for."""
-    return _compile_for(platform, target, python_runtime_sources(), [f"-I{fmi_headers()}", f"-I{RUNTIME}"])
+def compile_python_library(target: Path, platform: str | None = None, objects: Path | None = None) -> Path:
+    """The Python FMU's library; platform, objects: see _compile_for."""
+
+    def parts(options: list[str]) -> list[Part]:
+        return [Part(python_runtime_sources(), options, [fmi_headers(), RUNTIME, PYTHON_RUNTIME])]
+
+    return _compile_for(platform, target, parts, objects)
 
 
-def compile_kernel(target: Path, platform: str | None = None) -> Path:
-    """The kernel for the Python FMU; platform: see _compile_for."""
-    return _compile_for(platform, target, kernel_sources(), [f"-I{HERE}"])
+def compile_kernel(target: Path, platform: str | None = None, objects: Path | None = None) -> Path:
+    """The kernel for the Python FMU; platform, objects: see _compile_for."""
+    return _compile_for(platform, target, lambda options: _kernel(options, exported=True), objects)
 
 
 def compile_web_kernel(target: Path) -> Path:
     """The kernel as a WebAssembly module that imports nothing, by zig, into this file.  Raises RuntimeError."""
     exports = [f"-Wl,--export={name}" for name in ("malloc", *(f"ts_{call}" for call in WEB_CALLS))]
-    flags = [flag for flag in FLAGS if flag != "-shared"]
-    command = [sys.executable, "-m", "ziglang", "cc", *WEB_FLAGS, *flags, "-s", "-DTS_INTERNAL", f"-I{HERE}"]
+    command = [sys.executable, "-m", "ziglang", "cc", *WEB_FLAGS, *FLAGS, "-s", f"-I{HERE}"]
     return _whole(target, [*command, *map(str, kernel_sources()), *exports])
 
 
@@ -229,10 +284,11 @@ class KernelHook(BuildHookInterface):
             return
         if version != "editable":  # there it is built at the first use
             self._build_page(build_data)
+        objects = Path(self.root) / "build" / "objects"
         libraries = [
-            compile_library(HERE),
-            compile_fmu_library(RUNTIME / FMU_LIBRARY),
-            compile_python_library(PYTHON_RUNTIME / PYTHON_LIBRARY),
+            compile_library(HERE, objects=objects),
+            compile_fmu_library(RUNTIME / FMU_LIBRARY, objects=objects),
+            compile_python_library(PYTHON_RUNTIME / PYTHON_LIBRARY, objects=objects),
         ]
         build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["artifacts"] += [library.relative_to(Path(self.root)).as_posix() for library in libraries]
@@ -249,7 +305,8 @@ class KernelHook(BuildHookInterface):
             "python": (PYTHON_RUNTIME, compile_python_library),
         }
         for kind, (folder, compiler) in compilers.items():
-            library = compiler(Path(self._scratch.name) / file_name(kind, platform), platform)
+            target = Path(self._scratch.name) / file_name(kind, platform)
+            library = compiler(target, platform, Path(self.root) / "build" / "objects")
             build_data["force_include"][str(library)] = (folder / library.name).relative_to(Path(self.root)).as_posix()
         build_data["tag"] = f"py3-none-{TARGETS[platform].tag}"
 

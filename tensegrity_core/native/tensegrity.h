@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#if defined(TS_INTERNAL) /* inside another library: nothing of the kernel is exported */
+#if !defined(TS_EXPORTED) /* defined where the kernel is a library of its own, else nothing of it is exported */
 #define TS_API
 #elif defined(_WIN32)
 #define TS_API __declspec(dllexport)
@@ -150,8 +150,10 @@ TS_API int ts_update_discrete(ts_sim *sim, int32_t *changed);
  * the knowns, ts_adjoint() of weighted unknowns by each of the knowns. */
 TS_API int32_t ts_known_count(const ts_sim *sim);
 TS_API int32_t ts_unknown_count(const ts_sim *sim);
-TS_API int ts_differentiable(const ts_sim *sim, int32_t known); /* 0: by a parameter that a force curve was compiled from */
-TS_API size_t ts_derivatives_size(const ts_sim *sim);           /* bytes */
+TS_API int ts_differentiable(const ts_sim *sim,
+                             int32_t known); /* 0: no rows are written for it, or a force curve is compiled from it */
+TS_API int ts_differentiated(const ts_sim *sim, int32_t unknown); /* 0: no rows are written for it */
+TS_API size_t ts_derivatives_size(const ts_sim *sim);             /* bytes */
 TS_API int ts_share_derivatives(ts_sim *sim, void *work, size_t size);
 TS_API int ts_differentiate(ts_sim *sim, int start, void *work);
 TS_API int ts_directional(ts_sim *sim, void *work, const double *known, double *unknown);

@@ -36,6 +36,23 @@ def test_an_fmu_gives_what_the_scene_gives(runtime, folder, tmp_path):
         np.testing.assert_allclose(found[name].values, expected[name].values, rtol=1e-12, atol=1e-12, err_msg=str(name))
 
 
+@pytest.mark.parametrize("naming", ["structured", "flat"])
+def test_an_fmu_of_fmi_3_gives_what_that_of_fmi_2_gives(naming, folder, tmp_path, capsys):
+    """Elements of arrays have numbers; a file may call them by their axes, as FMI 2.0 does, or by numbers."""
+    build = ["build", "three_bar_nsh", "--no-validate", "--no-page", "--naming", naming, "--output", str(tmp_path)]
+    assert main([*build, "--fmi", "3.0"]) == 0
+    numbered = INPUTS.replace("n4.force.z", "n4.force[3]" if naming == "structured" else "n4_force[3]")
+    (tmp_path / "numbered.csv").write_text(numbered, encoding="utf-8")
+    fmus, ends = [folder / "native" / "three_bar_nsh.fmu", tmp_path / "native-fmi3" / "three_bar_nsh.fmu"], []
+    for fmu, file in ((fmus[0], folder / "in.csv"), (fmus[1], folder / "in.csv"), (fmus[1], tmp_path / "numbered.csv")):
+        capsys.readouterr()
+        words = ["--inputs", str(file), "--set", "s1.nsh.h[2]=0.016", "solver.method=rk4", *SHORT, "--json"]
+        assert main(["run", str(fmu), *words]) == 0
+        ends.append(list(json.loads(capsys.readouterr().out)["outputs"].items()))
+    assert ends[1] == ends[2] and [value for _, value in ends[0]] == [value for _, value in ends[1]]
+    assert ("n4.position[3]" if naming == "structured" else "n4_position[3]") in dict(ends[1])
+
+
 def test_start_values_reach_the_fmu(folder, capsys):
     ends = []
     for words in ([], ["--set", "gravity=0", "b1.mass=3"], ["--set", "gravity=0", "--set", "b1.mass=3"]):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tensegrity_core.native import build
+from tests.support.asserted import OBJECTS, OPTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -48,7 +49,7 @@ def test_what_breaks_an_assertion_is_found(tmp_path, monkeypatch, file, there, w
     assert text.count(there) == 1, f"{file} has not one {there!r}"
     (copy / file).write_text(text.replace(there, wrong), encoding="utf-8")
     monkeypatch.setattr(build, "HERE", copy)
-    library = build.compile_library(tmp_path, options=("-O0", "-DTS_ASSERTIONS"))
+    library = build.compile_library(tmp_path, options=OPTIONS, objects=OBJECTS)
     program = (
         "import sys\nfrom pathlib import Path\nfrom tensegrity_core.kernel import Kernel\n"
         "from tensegrity_core.scene import load_scene\nfrom tensegrity_core.statics import build_model\n"

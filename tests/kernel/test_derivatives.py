@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fmu_src.variables.interface import variables
+from tensegrity_core.equilibria.linearization import at_rest, linearize
 from tensegrity_core.errors import InputError, SimulationError
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.kernel.continuous import ContinuousView
 from tensegrity_core.kernel.derivatives import Derivatives
 from tensegrity_core.scene import builtin_scenes
-from tests.support import scene
+from tests.support import push, scene
 from tests.support.derivative_states import Bench
 from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, built
 from tests.support.element_scenes import STRINGS, mast
@@ -115,6 +117,25 @@ def test_accelerations_have_the_jacobian_of_implicit_methods():
     assert np.abs(J[:, bench.half : bench.half + plain] - Jv[:plain, :plain]).max() <= 1e-12 * np.abs(Jv).max()
 
 
+@pytest.mark.parametrize("name", [*builtin_scenes(), "laboratory"])
+def test_outputs_by_inputs_are_those_of_the_linearisation(name):
+    """`tc.linearize` differentiates the projected equations in NumPy, in minimal coordinates and by the exact laws."""
+    model = model_of(name, "literal")
+    linear = linearize(model, at_rest(model, push(model)))
+    places = {row.name: row.reference for row in variables(model)}
+    kernel = Kernel(model)
+    kernel.initialize()
+    view = ContinuousView(kernel)
+    d = Derivatives(view)
+    for quantity in linear.inputs:
+        kernel.values[places[quantity.name]] = quantity.value
+    d.look()
+    rows = [d.outputs.start + places[quantity.name] - kernel.first_output for quantity in linear.outputs]
+    columns = [view.size + places[quantity.name] for quantity in linear.inputs]
+    differences = np.abs(d.matrix()[np.ix_(rows, columns)] - linear.D)
+    assert differences.max() <= 1e-11 * np.abs(linear.D).max()
+
+
 def test_a_derivative_of_an_input_takes_the_place_of_another():
     """Where a rest length has a slope, its rate counts no more."""
     kernel = Kernel(scene("three_bar"))
@@ -176,5 +197,6 @@ def test_what_cannot_be_differentiated_is_refused():
     curves = [name for name in ("nsh_Q", "nsh_zeta", "nsh_h", "stiffness", "damping", "bar_mass") if
               not d.differentiable(d.known(name).start)]  # fmt: skip
     assert curves == ["nsh_Q", "nsh_zeta", "nsh_h"]
+    assert all(map(d.differentiated, range(d.unknowns)))
     memory = Derivatives(ContinuousView(Kernel(mast("memory"))))
     assert not memory.differentiable(memory.known("stiffness").start)

@@ -135,7 +135,7 @@ def test_table_of_any_honeycomb(rows):
 # --- transitions ---------------------------------------------------------------------------------------------------
 
 
-ADAPTIVE = ["auto", "dop853", "rodas5p", "radau9"]
+ADAPTIVE = ["auto", "dop853", "rodas5p", "radau9", "dopri5"]
 
 
 @pytest.mark.parametrize("method", ADAPTIVE)
@@ -214,6 +214,7 @@ def test_a_transition_at_a_communication_point_is_taken_once():
         ("rk4", 4, (20, 40), 0.6),
         ("ros2", 2, (40, 80), 0.2),
         ("radau9", 9, (1, 2), 1.0),
+        ("dopri5", 5, (4, 8), 0.6),
     ],
 )
 def test_measured_order(method, order, steps, slack):

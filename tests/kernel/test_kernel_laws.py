@@ -19,7 +19,7 @@ from tests.support import by_hand
 ARTICLE = NSH(Q=(6.0, 8.0, 10.0, 12.0), zeta=(3.0, 4.0, 5.0, 6.0), h=(0.01, 0.01, 0.015, 0.01))
 MEMORY = dataclasses.replace(ARTICLE, law="hysteretic")
 CELL = Table((0.0, 0.01, 0.02, 0.03), (0.0, 1.0, 0.4, 1.4))
-METHODS = ("auto", "dop853", "rodas5p", "radau9", "rk4", "ros2")
+METHODS = ("auto", "dop853", "rodas5p", "radau9", "rk4", "ros2", "dopri5")
 
 
 def mast(stiffness=5000.0, damping=20.0, law="literal", rest=1.4, **fields) -> Model:

@@ -71,7 +71,7 @@ def test_kernel_and_reference_agree(seed):
     assert ours.ledger_error() < 1e-8 and theirs.ledger_error() < 1e-8
 
 
-@pytest.mark.parametrize("other", ["rodas5p", "radau9", "auto"])
+@pytest.mark.parametrize("other", ["rodas5p", "radau9", "dopri5", "auto"])
 @pytest.mark.parametrize("seed", range(12))
 def test_methods_agree(seed, other):
     model = random_model(seed)

@@ -73,7 +73,7 @@ def compiled(folder: Path, shim: str, names: tuple[str, ...]) -> ctypes.CDLL:
     extra = [] if sys.platform == "win32" else ["-fPIC", "-lm"]
     sources = [str(folder / "shim.c"), *(str(NATIVE / "linear" / name) for name in names)]
     target = folder / build.LIBRARY
-    flags = [*build.FLAGS, "-Wall", "-Wextra", "-pedantic", "-Werror", f"-I{NATIVE}"]
+    flags = ["-shared", *build.FLAGS, "-Wall", "-Wextra", "-pedantic", "-Werror", f"-I{NATIVE}"]
     run = subprocess.run([*command, *flags, *sources, *extra, "-o", str(target)], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return ctypes.CDLL(str(target))

@@ -109,6 +109,33 @@ def test_dop853_dense_output_has_order_7(theta):
     assert max(errors) < 1e-13
 
 
+def test_dopri5_has_order_5_and_its_last_stage_is_the_next_steps_first():
+    t = arrays("dopri5_tableau.h")
+    A = t["A"]
+    assert worst_condition(A[6], A, A, 5) < 1e-14
+    assert worst_condition(A[6], A, A, 6) > 1e-5
+    np.testing.assert_allclose(A.sum(axis=1), t["C"], atol=1e-14)
+    assert t["C"][6] == 1.0
+
+
+def test_dopri5s_error_estimate_vanishes_up_to_order_4():
+    t = arrays("dopri5_tableau.h")
+    A, e = t["A"], t["E"]
+    assert max(abs(e @ stage_weights(s, A, A)) for n in range(1, 5) for s in trees(n)) < 1e-14
+    assert max(abs(e @ stage_weights(s, A, A)) for s in trees(5)) > 1e-4
+
+
+@pytest.mark.parametrize("theta", [0.1, 0.5, 0.83])
+def test_dopri5s_dense_output_has_order_4(theta):
+    t = arrays("dopri5_tableau.h")
+    A, n = t["A"], 7
+    b, first, last = A[6], np.eye(n)[0], np.eye(n)[6]
+    rest = 1 - theta  # nested as in dopri5.c
+    weights = theta * (b + rest * (first - b + theta * (2 * b - last - first + rest * t["DENSE"])))
+    errors = [abs(weights @ stage_weights(s, A, A) - theta ** size(s) / density(s)) for k in range(1, 5) for s in trees(k)]
+    assert max(errors) < 1e-14
+
+
 def test_rodas5p_has_order_5_and_its_estimate_order_4():
     t, _gamma, Gamma, alpha = rodas5p()
     beta = alpha + Gamma

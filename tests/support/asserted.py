@@ -12,6 +12,10 @@ import pytest
 
 from tensegrity_core.kernel import binding
 from tensegrity_core.native import build
+from tensegrity_core.places import kept
+
+OPTIONS = ("-O1", "-DTS_ASSERTIONS")
+OBJECTS = kept() / "objects"
 
 
 def use(library: Path) -> None:
@@ -39,7 +43,7 @@ def run_scenes() -> None:
 
 def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        use(build.compile_library(Path(folder), options=("-O1", "-DTS_ASSERTIONS")))
+        use(build.compile_library(Path(folder), options=OPTIONS, objects=OBJECTS))
         if arguments:
             return pytest.main(["-q", "-n", "0", "--no-cov", "-p", "no:cacheprovider", *arguments])
         run_scenes()

@@ -106,8 +106,10 @@ def run(tree: Path, *command, code: int = 0) -> str:
 
 
 def build_libraries(tree: Path, *more: str) -> None:
-    """What installing the package does, for the kernel, in less time, and what else is named."""
-    lines = ["from tensegrity_core.native import build", "build.compile_library(build.HERE, options=('-O1',))", *more]
+    """What installing the package does, for the kernel, in less time, and what else is named.  Objects stay in the tree, and go
+    along into its copies."""
+    lines = ["from pathlib import Path", "from tensegrity_core.native import build", "build.FLAGS.append('-O1')"]
+    lines += ["objects = Path('objects')", "build.compile_library(build.HERE, objects=objects)", *more]
     run(tree, "-c", "\n".join(lines))
 
 
@@ -178,7 +180,7 @@ def tree(tmp_path_factory) -> Path:
             before = after
         (folder / "hardening.toml").write_text(SCENE, encoding="utf-8")
         run(folder, "-m", "tensegrity_core.fields")
-        build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY)")
+        build_libraries(folder, "build.compile_fmu_library(build.RUNTIME / build.FMU_LIBRARY, objects=objects)")
 
     return once(tmp_path_factory, "additions", make)
 
@@ -208,7 +210,7 @@ def test_an_fmu_with_all_of_them_is_validated(tree):
         "print(known['wind.x'].causality, u.min() > 0.0, abs(found['s3.elastic_force'] - law).max() < 1e-9)\n"
     )
     lines = run(tree, "-c", code).splitlines()
-    assert lines[-3:] == ["output m 6", "True True True", "input True True"], lines
+    assert lines[-3:] == ["output m 7", "True True True", "input True True"], lines
 
 
 def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Path:

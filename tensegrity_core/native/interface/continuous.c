@@ -12,6 +12,7 @@
 #include "motion/drives.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
+#include "motion/pieces.h"
 #include "steps/events.h"
 #include "tensegrity.h"
 
@@ -127,8 +128,11 @@ static double guard(const ts_model *m) { return 2e-12 * extent(m); }
  * not far past them the formulas go straight on, as under fixed steps. */
 static void take_inputs(ts_sim *sim)
 {
-    for (int i = 0; i < sim->m.count[TS_S]; i++) sim->laws.curve[i].reach = 1.0;
     ts_prepare(sim);
+    for (int i = 0; i < sim->m.count[TS_S]; i++) {
+        sim->laws.curve[i].reach = 1.0;
+        ts_bear(sim, i); /* a stiffness or a damping coefficient may have been set in an event */
+    }
 }
 
 /* Right-hand side at the present time, states and inputs, into start.f. */

@@ -60,13 +60,44 @@ size_t ts_derivatives_size(const ts_sim *sim)
     return bytes_of(&d);
 }
 
-/* A force curve is compiled from these, and nothing here knows how. */
+/* What rows are written for, or nothing changes.  A field that is new is not differentiated, nor by it, until it has its own. */
+static const int32_t with_rows[] = {
+    TS_FORCE,         TS_REST_LENGTH,       TS_REST_LENGTH_RATE,
+    TS_CURRENT,       TS_DRUM_LOAD,         TS_NODE_POSITION,
+    TS_NODE_VELOCITY, TS_NODE_ACCELERATION, TS_STIFFNESS,
+    TS_DAMPING,       TS_GRAVITY,           TS_DRAG,
+    TS_BAR_MASS,      TS_POINT_MASS,        TS_MOTOR_INERTIA,
+    TS_MOTOR_DAMPING, TS_TORQUE_CONSTANT,   TS_DRUM_RADIUS,
+    TS_TOLERANCE,     TS_MAX_STEP,          TS_POSITION,
+    TS_VELOCITY,      TS_STRING_FORCE,      TS_ELASTIC_FORCE,
+    TS_STRING_LENGTH, TS_WOUND_REST_LENGTH, TS_WOUND_REST_LENGTH_RATE,
+    TS_MOTOR_SPEED,   TS_BAR_FORCE,         TS_REACTION,
+    TS_KINETIC,       TS_POTENTIAL,         TS_ELASTIC,
+    TS_DISSIPATED,    TS_INPUT_WORK,        TS_THROUGHPUT,
+};
+
+static int has_rows(const ts_model *m, int32_t i)
+{
+    for (size_t k = 0; k < sizeof with_rows / sizeof *with_rows; k++) {
+        const int32_t next = with_rows[k] + 1, end = next < TS_FIELD_COUNT ? m->at[next] : m->n_real;
+        if (i >= m->at[with_rows[k]] && i < end) return 1;
+    }
+    return 0;
+}
+
 int ts_differentiable(const ts_sim *sim, int32_t known)
 {
     const ts_model *m = &sim->m;
     const int32_t i = known - ts_continuous_count(sim), stiffness = m->at[TS_STIFFNESS];
+    if (i < 0) return 1;
     if (i >= stiffness && i < m->at[TS_STIFFNESS + 1]) return !ts_has_memory(m, i - stiffness);
-    return i < m->at[TS_NSH_Q] || i >= m->at[TS_NSH_H + 1];
+    return has_rows(m, i);
+}
+
+int ts_differentiated(const ts_sim *sim, int32_t unknown)
+{
+    const int32_t i = unknown - 2 * ts_continuous_count(sim), outputs = sim->m.n_real - sim->m.n_applied;
+    return i < 0 || i >= outputs || has_rows(&sim->m, i + sim->m.n_applied);
 }
 
 /* The state is as ts_initialize() has just left it. */
@@ -125,7 +156,7 @@ static double *cleared(workspace *w)
     return w->z;
 }
 
-static int finite(ts_sim *sim, const double *x, int32_t count)
+static int require_finite(ts_sim *sim, const double *x, int32_t count)
 {
     if (ts_all_finite(x, count)) return TS_OK;
     return ts_say(sim, TS_NOT_FINITE, "a product with the derivatives is not a finite number");
@@ -145,7 +176,7 @@ int ts_directional(ts_sim *sim, void *work, const double *known, double *unknown
     ts_pick_states(m, z + w->d.at.dy, unknown + states);
     memcpy(unknown + 2 * states, z + w->d.at.outputs, sizeof(double) * (size_t)outputs);
     memcpy(unknown + 2 * states + outputs, z + w->d.at.indicators, sizeof(double) * (size_t)ts_indicator_count(sim));
-    return finite(sim, unknown, ts_unknown_count(sim));
+    return require_finite(sim, unknown, ts_unknown_count(sim));
 }
 
 int ts_adjoint(ts_sim *sim, void *work, const double *unknown, double *known)
@@ -162,5 +193,5 @@ int ts_adjoint(ts_sim *sim, void *work, const double *unknown, double *known)
     ts_chain_backward(&w->d.chain, z);
     ts_pick_states(m, z + w->d.at.y, known);
     memcpy(known + states, z + w->d.at.values, sizeof(double) * (size_t)m->n_applied);
-    return finite(sim, known, ts_known_count(sim));
+    return require_finite(sim, known, ts_known_count(sim));
 }

@@ -76,8 +76,9 @@ static int is_sound(const ts_memory *memory)
 {
     const ts_choice *c = &memory->choice;
     const ts_span *span = &memory->span;
-    const double reals[] = {memory->time,      memory->time_low, memory->h_next, memory->joined, memory->err_last,
-                            memory->last_step, span->start,      span->h,        span->reach,    span->clipped};
+    const double reals[] = {memory->time,   memory->time_low, memory->h_next,    memory->h_kick,
+                            memory->joined, memory->err_last, memory->last_step, span->start,
+                            span->h,        span->reach,      span->clipped};
     const int32_t counters[] = {memory->rejected, memory->stiff, memory->patience, c->losing,
                                 c->phase_steps,   c->steps,      memory->completed};
     int sound = ts_all_finite(reals, sizeof reals / sizeof *reals);

@@ -222,7 +222,7 @@ static int settle(ts_sim *sim, double h, int sloped)
     TS_ASSERT(sim->memory.time >= before && ts_choice_is_possible(&sim->memory));
     sim->memory.last_step = h;
     sim->memory.sloped = sloped;
-    ts_rhs(sim, h, sim->state.y, sim->start.f);
+    if (!ts_is_evaluated(sim, h)) ts_rhs(sim, h, sim->state.y, sim->start.f);
     ts_outputs(sim, h);
     return ts_check_outputs(sim, "at the end of the step");
 }
@@ -245,6 +245,7 @@ static int step_within(ts_sim *sim, double h)
 {
     const ts_memory memory = sim->memory;
     sim->told.count = 0;
+    sim->call.evaluated = -1.0;
     sim->ahead.ready = 1; /* since the step was opened */
     ts_serve_span(sim, h);
     int status = wound_up(sim), told = status == TS_OK;
@@ -270,6 +271,7 @@ int ts_step(ts_sim *sim, double h)
     if (!changed && ts_span_serves(&sim->memory.span, h)) return step_within(sim, h);
     backup(sim, &memory);
     sim->call.reached = 0.0;
+    sim->call.evaluated = -1.0;
     sim->call.looked = sim->call.answer = TS_GO_ON;
     ts_prepare(sim);
     if (changed) status = ts_check_change(sim, h);

@@ -71,6 +71,7 @@ int ts_look(ts_sim *sim)
     ts_rhs(sim, sim->call.reached, sim->state.y, sim->start.f);
     ts_outputs(sim, sim->call.reached);
     sim->memory.stats[TS_RHS] = evaluations;
+    sim->call.evaluated = -1.0;
     sim->call.looked = 1;
     return ts_check_outputs(sim, "within the step");
 }
@@ -84,5 +85,6 @@ int ts_look_derivatives(ts_sim *sim, double *out)
     ts_tangent_outputs(sim, sim->call.reached, out);
     memcpy(sim->io.values + first, sim->undo.watched + first, size);
     sim->memory.stats[TS_RHS] = evaluations;
+    sim->call.evaluated = -1.0;
     return ts_check_rates(sim, out);
 }

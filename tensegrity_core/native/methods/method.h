@@ -11,6 +11,7 @@ enum {
     TS_FIXED_STEP = 2,       /* takes the step it is given */
     TS_ALWAYS_DENSE = 8,     /* its dense output is used anyway, to start the next step */
     TS_CLIPPED = 16,         /* dense output is weaker than the step: no step passes a communication point */
+    TS_ENDS_IN_STAGES = 32,  /* its last stage is the derivative at the end of the step, put on the constraint */
     TS_LEDGER_IN_STAGES = 4, /* the ledger's integrals are among the stages; else the driver integrates the dense output */
 };
 

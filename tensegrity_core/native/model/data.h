@@ -13,8 +13,8 @@
 #include <stdint.h>
 
 #define TS_MAX_TRANSITIONS 4096 /* stored per call; the count goes on */
-#define TS_CHOICES 3            /* methods that `auto` chooses from */
-#define TS_TRIALS 3             /* kinds of trials that it makes */
+#define TS_CHOICES 4            /* methods that `auto` chooses from */
+#define TS_TRIALS 4             /* kinds of trials that it makes */
 
 /* The step at hand.  While inputs stay, the last step of a call may end past its communication point: outputs there, and the
  * calls that follow, then come from its dense output until its end, or its first transition, is reached. */
@@ -27,7 +27,7 @@ typedef struct {
     int32_t method;
 } ts_span;
 
-/* What `auto` knows, see auto.c.  Work is counted in explicit steps; a phase is a time of implicit steps. */
+/* What `auto` knows, see auto.c.  Work is counted in steps of dop853; a phase is a time of implicit steps. */
 typedef struct {
     double work;                   /* done so far */
     double natural[TS_CHOICES];    /* s, step that each method took or proposed last; 0: not yet used */
@@ -37,11 +37,14 @@ typedef struct {
     double since[TS_TRIALS];       /* work at the last one */
     double phase_time, phase_work; /* s; of the present phase */
     double trial_time, trial_work; /* s; since the method in use came into use */
+    double rival_price;            /* work per s of `rival` before the trial */
     double h_lambda;               /* step times fastest rate, in the last explicit step */
     int32_t phase_steps, steps;    /* likewise */
     int32_t losing;                /* implicit steps in a row that were not worth their cost */
     int32_t incumbent;             /* method to go back to if the one on trial within a phase loses; -1: none is on trial */
     int32_t preferred;             /* implicit method to begin with; 0: not yet known */
+    int32_t base;                  /* the explicit method to use where no phase is */
+    int32_t rival;                 /* explicit method that `base` is on trial against; -1: none */
     int32_t unused;
 } ts_choice;
 
@@ -50,6 +53,7 @@ typedef struct {
     double time;     /* s, at the last communication point */
     double time_low; /* s, what rounding took from it so far */
     double h_next;   /* s, step that the controller proposes; 0: none, start afresh */
+    double h_kick;   /* s, the same for a first step after inputs have changed; 0: none */
     ts_choice choice;
     ts_span span;
     double joined;     /* s, length of the step that ended where the present one starts, its dense output at hand; or 0 */
@@ -184,9 +188,13 @@ typedef struct {
 typedef struct {
     double most;           /* s, largest step that the parameters allow */
     double length;         /* s */
+    double h_before;       /* s, step that the controller proposed when it began */
+    double evaluated;      /* s, where a step ended whose end was the last place to be evaluated; -1: none was */
+    int64_t evaluations;   /* how many right-hand sides there were then */
     int64_t looks;         /* at one string on the dense output, since ts_create() */
     int32_t may_run_ahead; /* inputs stay */
     int32_t force_jumps;   /* the last transition made a force jump */
+    int32_t kicked;        /* the next step is the first under new inputs */
     int32_t unlocated;     /* analysis: pieces follow the elongation at every evaluation, transitions are not located */
     ts_watcher watcher;    /* NULL: nobody watches */
     void *context;         /* of the watcher */

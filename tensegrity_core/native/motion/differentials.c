@@ -113,7 +113,8 @@ static void move(ts_differentials *o)
     const int D = m->count[TS_D], first[3] = {m->at[TS_NODE_POSITION], m->at[TS_NODE_VELOCITY], m->at[TS_NODE_ACCELERATION]};
     const double *slopes = o->sim->io.slopes, *bends = slopes + m->n_inputs;
     for (int i = 0; i < m->count[TS_E] * D; i++) {
-        const double counts[3] = {1.0, slopes[first[0] + i] == 0.0, bends[first[0] + i] == 0.0 && slopes[first[1] + i] == 0.0};
+        const int rates = slopes[first[0] + i] == 0.0, bent = bends[first[0] + i] != 0.0;
+        const double counts[3] = {1.0, (double)rates, (double)(!bent && slopes[first[1] + i] == 0.0)};
         for (int order = 0; order < 3; order++) {
             chain_row(&o->chain, o->at.base + (3 * (i / D) + order) * D + i % D);
             chain_add(&o->chain, o->at.values + first[order] + i, counts[order]);

@@ -3,6 +3,7 @@
 #include "motion/output_differentials.h"
 #include "linear/chain.h"
 #include "model/data.h"
+#include "motion/kinematics.h"
 
 static int32_t value_at(const ts_differentials *o, int field, int i) { return o->at.values + o->sim->m.at[field] + i; }
 
@@ -321,7 +322,7 @@ static void put_in(ts_differentials *o)
         for (int d = 0, f = m->node.free_index[n]; d < D && f >= 0; d++) {
             const int v = (2 * n + 1) * D + d;
             chain_add(c, value_at(o, TS_FORCE, f * D + d), sim->strings.x[v]);
-            chain_add(c, o->at.x + v, value(o, TS_FORCE, f * D + d));
+            chain_add(c, o->at.x + v, external_force(m, sim->io.values, f, d));
         }
     for (int e = 0; e < m->count[TS_E]; e++)
         for (int d = 0; d < D; d++) {

@@ -19,6 +19,7 @@
 #define SAFETY 0.9
 #define LEAST_ERROR 1e-4 /* that the control remembers */
 #define LEAST_STEP 1e-22 /* of a call's length: less would not reach its end */
+#define RELAX 1.5        /* growth after the first step under new inputs, where steps were longer before */
 #define SHRINK 0.2       /* smallest factor of the step after a rejection */
 #define RETAKES 8        /* attempts in a row after which a doubtful transition counts all the same */
 #define ROUND_OFF (8.0 * DBL_EPSILON)
@@ -111,6 +112,7 @@ static void to_the_end(ts_sim *sim, const ts_span *span)
 {
     const ts_method *method = methods[span->method];
     if (!(method->flags & TS_LEDGER_IN_STAGES)) {
+        sim->call.evaluated = -1.0;
         make_dense(sim, method, span->start, span->h);
         integrate_ledger(sim, method, span, 1.0, sim->ahead.y + 2 * sim->m.nq);
     }
@@ -135,8 +137,12 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_span *span = &sim->memory.span;
-    ts_project(&sim->m, sim->ahead.y);
-    ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
+    if (!(method->flags & TS_ENDS_IN_STAGES)) {
+        ts_project(&sim->m, sim->ahead.y);
+        ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
+    }
+    sim->call.evaluated = tau + h;
+    sim->call.evaluations = sim->memory.stats[TS_RHS];
     if (method->accepted) method->accepted(sim, h);
     memcpy(sim->ahead.elongation, sim->strings.elongation, bytes);
     memcpy(sim->ahead.rate, sim->strings.rate, bytes);
@@ -323,8 +329,13 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     double grow =
         err > 0.0 ? fmin(sim->attempt.growth, SAFETY * controlled(method, err, memory->err_last)) : sim->attempt.growth;
     memory->err_last = err;
+    if (sim->call.kicked && (!last || h * grow > memory->h_kick))
+        memory->h_kick = h * grow / SAFETY; /* as long as just passes */
     if (sim->memory.rejected && grow > 1.0) grow = 1.0;
     if (!last || h * grow > memory->h_next) memory->h_next = h * grow; /* a clipped step says nothing of a longer one */
+    if (sim->call.kicked && memory->h_next < sim->call.h_before)
+        memory->h_next = fmin(sim->call.h_before, fmax(memory->h_next, RELAX * h));
+    sim->call.kicked = 0;
     memory->stats[TS_STEPS]++;
     memory->stats[TS_IMPLICIT_STEPS] += (method->flags & TS_IMPLICIT) != 0;
     return 1;
@@ -343,11 +354,14 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     sim->call.length = end;
     sim->call.seen = sim->told.count;
     sim->call.may_run_ahead = may_run_ahead;
+    sim->call.kicked = !may_run_ahead && !(methods[memory->active]->flags & (TS_IMPLICIT | TS_FIXED_STEP));
     budget b = {work_done(sim), PORTION, 0.0};
     if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end))
         return fail(sim, TS_WORK_LIMIT);
     sim->call.most = p.longest;
     if (!(memory->h_next > LEAST_STEP * end)) memory->h_next = 0.0; /* a call so much shorter says nothing of this one */
+    sim->call.h_before = memory->h_next;
+    if (sim->call.kicked && memory->h_kick > 0.0) memory->h_next = fmin(memory->h_next, memory->h_kick);
     if (!finish_open_span(sim, end, &tau)) return fail(sim, TS_NOT_FINITE);
     if (!ts_all_finite(sim->start.f, 2 * sim->m.nq))
         return fail(sim, fixed && memory->stats[TS_STEPS] ? TS_UNSTABLE : TS_NOT_FINITE);
@@ -425,6 +439,13 @@ void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead)
         memset(ahead + one * (row * stride + kept), 0, one * (stride - kept));
     }
     for (size_t k = 0; k < 2; k++) memset(ahead + one * (10 * stride + k * lanes + S), 0, one * (lanes - S));
+}
+
+/* Were the strings evaluated last at the state that a call of length h ends with, as the methods leave it whose stages carry the
+ * ledger?  Their forces and the derivative are at hand then. */
+int ts_is_evaluated(const ts_sim *sim, double h)
+{
+    return sim->call.evaluated == h && sim->call.evaluations == sim->memory.stats[TS_RHS];
 }
 
 /* Inputs change: the state at the communication point is the one to go on from. */

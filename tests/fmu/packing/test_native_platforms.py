@@ -49,12 +49,13 @@ def program(*names: str) -> str:
 
 
 def host(folder: Path, platform: str | None) -> Path:
-    """step_host.c as a program for a platform, by zig; None: for this one, by its own compiler."""
+    """step_host.c as a program for a platform, by zig; None: for this one, by its own compiler.  It is optimised and stripped
+    as the libraries are: for each such combination zig compiles a C library's start and a runtime first."""
     target = folder / ("host.exe" if platform == "win64" else "host")
     command, libraries = build.system_compiler() or build.zig(), ["-ldl"]
     if platform:
         command, libraries = build.zig(platform), [] if platform == "win64" else ["-ldl"]
-    line = [*command, "-std=c99", f"-I{build.fmi_headers()}", str(HOST), *libraries, "-o", str(target)]
+    line = [*command, "-std=c99", "-O3", "-s", f"-I{build.fmi_headers()}", str(HOST), *libraries, "-o", str(target)]
     done = subprocess.run(line, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return target
@@ -163,7 +164,7 @@ def test_a_missing_library_is_told(tree, tmp_path):
 
 
 def test_compiling_for_another_platform_is_told_first(tree, tmp_path, monkeypatch, capsys):
-    def compiler(target, name):
+    def compiler(target, name, objects):
         assert capsys.readouterr().out == f"compiling for {name} ...\n"
         target.write_bytes(b"library")
         return target
@@ -190,7 +191,7 @@ def test_zig_compiles_for_any_processor_of_this_platform_and_asks_no_other_compi
     """Without a target it would use all that this processor can do, and look for the C library by `cc`."""
     with monkeypatch.context() as context:
         context.setenv("PATH", str(tmp_path))
-        library = build.compile_library(tmp_path, build.zig())
+        library = build.compile_library(tmp_path, build.zig(), ("-s",))
     assert library.read_bytes()[: len(MAGIC[here()])] == MAGIC[here()]
     (tmp_path / "processor.c").write_text("", encoding="utf-8")
     line = [*build.zig(), "-dM", "-E", str(tmp_path / "processor.c")]

@@ -16,9 +16,9 @@ from fmpy import extract, read_model_description, simulate_fmu
 
 from fmu_src.build import main
 from fmu_src.builds import Options
-from fmu_src.builds.judgement import BOTH, file_and_report, hosted
+from fmu_src.builds.judgement import files_of, hosted
 from fmu_src.packing.native_fmu import pack_native_fmu
-from fmu_src.validation import exchange
+from fmu_src.validation import exchange, outside
 from fmu_src.validation.compare import HOSTED_LEDGER_BOUND, compare
 from fmu_src.validation.scenarios import scenarios
 from fmu_src.validation.trials import trials
@@ -160,7 +160,7 @@ def test_a_structure_at_rest_takes_cvode_few_evaluations(tmp_path):
     model = scene("six_bar_nsh")
     fmu, folder = pack_native_fmu(model, tmp_path / "exchange.fmu", kind="me"), tmp_path / "extracted"
     one = exchange.Instance(read_model_description(str(fmu)), extract(str(fmu), str(folder)))
-    inputs = exchange.Inputs(one, [], np.array([0.0, 1.0]), np.zeros((1, 0)))
+    inputs = outside.Inputs(one, [], np.array([0.0, 1.0]), np.zeros((1, 0)))
     one.start()
     exchange.event(one.fmu, inputs, 0.0)
     before = one.fmu.getReal([one.by_name["n10.z"].valueReference])
@@ -200,10 +200,11 @@ def test_what_does_not_go_with_a_kind_is_named(options, word):
 
 def test_an_fmu_of_both_kinds_is_run_by_both_hosts():
     built = {("two_bar", "native"): Path("both/two_bar.fmu")}
-    rows = hosted(built, "both")
-    assert [(name, row, kind) for name, row, kind, _ in rows] == [("two_bar", BOTH["cs"], "cs"), ("two_bar", BOTH["me"], "me")]
-    reports = {file_and_report(built, name, row)[1].name for name, row, _, _ in rows}
-    assert reports == {"two_bar.html", "two_bar_me.html"}
+    for fmi, more in (("2.0", ""), ("3.0", ", FMI 3.0")):
+        rows = hosted(built, Options(("two_bar",), ("native",), fmi, "both"))
+        told = [(name, row, kind) for name, row, kind, _ in rows]
+        assert told == [("two_bar", f"both: cs{more}", "cs"), ("two_bar", f"both: me{more}", "me")]
+        assert {files_of(one)[1].name for one in rows} == {"two_bar.html", "two_bar_me.html"}
 
 
 # Order of calls

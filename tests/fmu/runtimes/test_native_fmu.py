@@ -163,7 +163,7 @@ def test_follows_the_kernel(both):
 
 @pytest.mark.parametrize("name", builtin_scenes())
 def test_an_fmu_of_one_platform_is_small(name, native_fmus):
-    assert native_fmus[name].stat().st_size <= 300_000
+    assert native_fmus[name].stat().st_size <= 320_000  # one library serves both versions of FMI
 
 
 # Call order.  For each function of the standard: a harmless call, and the modes in which it may be made (FMI 2.0.4,

@@ -55,27 +55,37 @@ def host(tmp_path_factory):
     return once(tmp_path_factory, "native_host", lambda folder: compiled(folder, "host", [*WARNINGS, "-O2"])) / "host"
 
 
-@pytest.fixture(scope="session")
-def sanitized(tmp_path_factory):
-    """Host, runtime and kernel compiled together with AddressSanitizer and UndefinedBehaviorSanitizer."""
+def watched_build(tmp_path_factory) -> Path:
+    """A folder with host, runtime and kernel compiled with AddressSanitizer and UndefinedBehaviorSanitizer: the program `host`,
+    and the FMU's library `native.so`; made once.  Skips where there is no such compiler."""
     sources = [*build.runtime_sources(), *build.kernel_sources()]
 
     def make(folder):
-        probe = subprocess.run(
-            [*(build.system_compiler() or ["cc"]), *SANITIZERS, "-x", "c", "-", "-o", os.devnull],
-            input="int main(void) { return 0; }",
-            capture_output=True,
-            text=True,
-        )
-        if build.system_compiler() is None or probe.returncode:
-            folder.mkdir(parents=True)  # without a program: skipped below
-        else:
-            compiled(folder, "host", ["-std=c99", *SANITIZERS, "-DLINKED", "-DTS_INTERNAL"], sources)
+        folder.mkdir(parents=True)
+        command = [*(build.system_compiler() or ["cc"]), "-std=c99", *SANITIZERS]
+        probe = [*command, "-x", "c", "-", "-o", os.devnull]
+        if build.system_compiler() is None:
+            return
+        if subprocess.run(probe, input="int main(void) { return 0; }", capture_output=True, text=True).returncode:
+            return
+        includes = [f"-I{build.fmi_headers()}", f"-I{build.HERE}"]
+        options = ["-fPIC", "-fvisibility=hidden", *includes, "-c", *map(str, sources)]
+        subprocess.run([*command, *options], check=True, cwd=folder)
+        objects = sorted(folder.glob("*.o"))
+        shared = ["-shared", *map(str, objects), "-lm", "-o", "native.so"]
+        subprocess.run([*command, *shared], check=True, cwd=folder)
+        compiled(folder, "host", ["-std=c99", *SANITIZERS, "-DLINKED"], objects)
 
-    program = once(tmp_path_factory, "native_sanitized", make) / "host"
-    if not program.exists():
+    folder = once(tmp_path_factory, "native_sanitized", make)
+    if not (folder / "host").exists():
         pytest.skip("no C compiler with AddressSanitizer and UndefinedBehaviorSanitizer")
-    return program
+    return folder
+
+
+@pytest.fixture(scope="session")
+def sanitized(tmp_path_factory):
+    """Host, runtime and kernel in one program that watches itself."""
+    return watched_build(tmp_path_factory) / "host"
 
 
 @pytest.fixture(scope="session")
@@ -345,6 +355,6 @@ def test_sources_compile_without_a_warning(tmp_path):
     if command is None:
         pytest.skip("no C compiler")
     for path in (*build.runtime_sources(), *build.kernel_sources()):
-        line = [*command, *WARNINGS, "-DTS_INTERNAL", "-fsyntax-only", f"-I{build.fmi_headers()}", f"-I{build.HERE}", str(path)]
+        line = [*command, *WARNINGS, "-fsyntax-only", f"-I{build.fmi_headers()}", f"-I{build.HERE}", str(path)]
         done = subprocess.run(line, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr

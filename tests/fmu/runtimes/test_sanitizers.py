@@ -48,7 +48,7 @@ def compiled(folder: Path, kernel: bool = False) -> None:
     probe = subprocess.run([*line, "-x", "c", "-", "-o", os.devnull], input=program, capture_output=True, text=True)
     if probe.returncode or not preloaded():
         return
-    shared, libraries = ["-shared", "-fPIC", "-fvisibility=hidden"], ["-ldl", "-lpthread", "-lm"]
+    shared, libraries = ["-shared", "-fPIC", "-fvisibility=hidden", "-DTS_EXPORTED"], ["-ldl", "-lpthread", "-lm"]
     wanted = [("python.so", build.python_runtime_sources(), shared), ("host", [HERE / "native_host.c"], [])]
     for name, sources, options in wanted + [("kernel.so", build.kernel_sources(), shared)] * kernel:
         whole = [*line, *options, *map(str, sources), *libraries, "-o", str(folder / name)]

@@ -167,8 +167,8 @@ def compiled(folder: Path) -> Path:
 
 
 def _compile(folder: Path, names: list[str]) -> None:
-    command = [*(build.system_compiler() or build.zig()), "-std=c99", "-O1", "-fPIC", "-fvisibility=hidden", "-I.", "-c"]
-    subprocess.run([*command, *names], cwd=folder, check=True)
+    options = ["-std=c99", "-O1", "-fPIC", "-fvisibility=hidden", "-DTS_EXPORTED", "-I.", "-c"]
+    subprocess.run([*(build.system_compiler() or build.zig()), *options, *names], cwd=folder, check=True)
 
 
 def mutated_library(folder: Path, name: str | None, right: Path) -> Path:

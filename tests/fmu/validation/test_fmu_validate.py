@@ -507,7 +507,7 @@ def test_bad_usage_is_exit_code_2_and_nothing_is_written(words, tmp_path, capsys
         ("--platforms win64,amiga --runtime python", "no platform is called 'amiga'; use linux64, win64"),
         ("--runtime python --sources --cross-check there", "--sources, --cross-check: for native FMUs"),
         ("--no-validate --thorough", "--thorough is a kind of validation"),
-        ("--fmi 3.0 --runtime python", "the Python runtime has co-simulation of FMI 2.0 only; give --runtime native"),
+        ("--fmi 3.0 --runtime python", "the Python runtime has FMI 2.0 only; give --runtime native"),
         ("--fmi 4.0", "--fmi 4.0: FMUs are not written in that version; use 2.0 or 3.0"),
         ("--fmi 3.0 --detach-actuators --ssp 2.0", "--fmi 3.0 does not go with --ssp"),
         ("--no-binaries --no-validate", "--no-binaries leaves nothing that could run: give --sources, too"),
