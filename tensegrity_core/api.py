@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from . import kernel, statics
+from . import kernel, reference, statics
 from .equilibria import linearization, steady_states
 from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
@@ -217,7 +217,8 @@ def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equi
     model = load(scene)
     force = _constant(model, forces)
     model = steady_states.reached(model, force) if force.any() else statics.settle(model)
-    result = kernel.simulate(model, driven(model, grid(1e-3, 1e-3), forces or {}))
+    run = reference.simulate if model.joint else kernel.simulate  # only its first row counts
+    result = run(model, driven(model, grid(1e-3, 1e-3), forces or {}))
     data = series.dataset(model, result, loaded=_words(forces)).isel(time=0).drop_dims("transition")
     return Equilibrium(model, data)
 

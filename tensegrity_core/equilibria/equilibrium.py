@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import statics
+from ..errors import InputError
 from ..laws.string_laws import string_laws
+from ..model import Model
 from .loading import Loading
 
 
@@ -42,8 +44,9 @@ class Equations:
         self.loading, self.model = loading, loading.model
         model = self.model
         statics.require_small(model, "following an equilibrium path")
+        _require_regular(model)
         self.laws = string_laws(model)
-        self.balance = balance = statics.Balance(model)
+        self.balance = balance = statics.balance_of(model)
         self.stiffest = float(model.stiffness.max(initial=0.0))
         self.size, self.place, self.bar_length = balance.size, balance.place, balance.bar_length
         self.free, self.nodes, self.moved = balance.free, balance.nodes, balance.moved
@@ -75,3 +78,18 @@ class Equations:
         elongation = self.elongation(free, parameter) if elongation is None else elongation
         stored = self.laws.energy(elongation, self.laws.piece_of(elongation))
         return self.balance.energy(stored, self.load(parameter), free)
+
+
+def _require_regular(model: Model) -> None:
+    """Raises InputError where the bars' lengths alone do not tell their forces, on which paths are built."""
+    redundant = [name for name, one in zip(model.bar_names, model.redundant) if one]
+    if redundant:
+        raise InputError(
+            f"{model.name}: no path is followed of redundant bars such as {redundant[0]}, whose forces are open; leave one out"
+        )
+    for body in model.bodies:
+        if body.followers:
+            names = ", ".join(model.bar_names[i] for i in body.bars)
+            raise InputError(
+                f"{model.name}: no path is followed of welded bars in a line or plane ({names}) yet; settle it instead"
+            )

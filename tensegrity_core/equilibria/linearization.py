@@ -96,6 +96,8 @@ def linearize(model: Model, state: State, side: str | None = None) -> Linear:
     Raises InputError where a string has two and none is chosen, and for a state that is not on the bars' lengths; TooLarge.
     """
     statics.require_small(model, "linearising it")
+    if model.joint:
+        raise InputError(f"{model.name}: {model.joint}, which linearising does not know yet; ask for its modes instead")
     if side is not None and side not in SIDES:
         raise InputError(f"side = {side!r} is not known; use {' or '.join(SIDES)}")
     return _System(replace(model, nodes=state.nodes), state, _Strings(model, state, side)).linear()

@@ -66,8 +66,8 @@ def _require_well_posed(model: Model) -> None:
     massed |= {node for node, mass in model.point_mass if mass > 0.0}
     for node in model.free_nodes.tolist():
         if node not in massed:
-            name = model.node_names[node]
-            raise InputError(f"free node {name!r} has no mass, of its own or of a bar; fix it, or give it a point mass")
+            name, why = model.node_names[node], "is on bars without mass only" if node in model.bars else "belongs to no bar"
+            raise InputError(f"free node {name!r} {why} and so has no mass; fix it, or give it a point mass")
     for node in model.moving:
         if not model.held[node][list(model.axes)][model.moved[node][list(model.axes)]].all():
             raise InputError(f"moving names the free node {model.node_names[node]!r}; fix it, or let it move by itself")

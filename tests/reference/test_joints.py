@@ -292,6 +292,17 @@ def test_redundant_bars_by_name():
     assert not hanging(np.linspace(-0.1, 0.1, 2000)).redundant.any()
 
 
+def test_nodes_without_mass_are_refused():
+    model = framed([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [0], [(0, 1), (1, 2)], bar_mass=[1.0, 0.0])
+    with pytest.raises(InputError, match="free node 'n3' is on bars without mass only and so has no mass; fix it"):
+        run(model, 0.1, 0.1)
+    free = framed([[0, 0, 0], [1, 0, 0]], [0], [(0, 1)], moving=[1])
+    with pytest.raises(InputError, match="moving names the free node 'n2'"):
+        run(free, 0.1, 0.1)
+    with pytest.raises(InputError, match="bar 'b1' has both ends fixed"):
+        run(framed([[0, 0, 0], [1, 0, 0]], [0, 1], [(0, 1)]), 0.1, 0.1)
+
+
 def test_groups():
     """Bars that meet in a fixed node only do not move each other; bars of class 1 are marked."""
     nodes = np.random.default_rng(5).normal(size=(9, 3))

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 import scipy
 
+import tensegrity_core as tc
 from tensegrity_core import statics
+from tensegrity_core.equilibria.equilibrium import Equations
+from tensegrity_core.equilibria.linearization import at_rest, linearize
+from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.modes import modes
-from tensegrity_core.errors import SceneError
+from tensegrity_core.equilibria.steady_states import load_sweep
+from tensegrity_core.errors import InputError, SceneError
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 from tests.support import by_hand
@@ -34,6 +39,19 @@ def cross(angle: float) -> dict:
         "strings": {name: {"nodes": nodes, "stiffness": 1000.0} for name, nodes in strings.items()},
         "prestress": {"tension": {"wn": 10.0}},
     }
+
+
+#: A D-bar on a pin and a slider, with two strings across it.
+SQUEEZED = {
+    "name": "squeezed",
+    "plane": "xz",
+    "start": "settled",
+    "fixed": ["w", "e.z"],
+    "nodes": {"w": [-0.9, 0.0], "n": [0.0, 0.43], "e": [0.9, 0.0], "s": [0.0, -0.43]},
+    "bars": {a + b: {"nodes": [a, b], "mass": 1.0} for a, b in ("wn", "ne", "es", "sw")},
+    "strings": {a + b: {"nodes": [a, b], "stiffness": 500.0, "damping": 5.0} for a, b in ("we", "ns")},
+    "prestress": {"tension": {"we": 30.0, "ns": 20.0}},
+}
 
 
 def test_t_bar():
@@ -165,3 +183,40 @@ def test_forces_of_a_long_chain_take_little():
     assert statics.unbalanced(model).equilibrium
     with pytest.raises(statics.TooLarge):
         statics.analyse(model)
+
+
+def test_path_of_a_d_bar():
+    """Followed by either means, through a snap, to where settling from the start leads as well."""
+    model = build_model(parse_scene(SQUEEZED))
+    direction = np.zeros((4, 3))
+    direction[1, 2], direction[2, 0] = -1.0, 0.3
+    loads = [0.0, 30.0, 60.0]
+    for careful in (False, True):
+        sweep = load_sweep(Loading(model, force_direction=direction), loads, careful=careful)
+        for p, nodes in zip(loads, sweep.nodes):
+            np.testing.assert_allclose(nodes, statics.settle(model, force=p * direction).nodes, rtol=0.0, atol=1e-9)
+        assert len(sweep.jumps) == 1 and sweep.nodes[2, 1, 2] < 0.0
+
+
+def test_what_is_not_followed_or_linearised_is_said():
+    scene = cross(0.4)
+    scene["bars"]["again"] = {"nodes": ["m", "e"], "mass": 1.0}
+    with pytest.raises(InputError, match="no path is followed of redundant bars such as be"):
+        Equations(Loading(build_model(parse_scene(scene))))
+    scene = cross(0.4) | {"weld": [["bw", "be"]], "prestress": {"tension": {"wn": 10.0, "es": 10.0}}}
+    with pytest.raises(InputError, match=r"welded bars in a line or plane \(bw, be\) yet; settle"):
+        Equations(Loading(build_model(parse_scene(scene))))
+    model = build_model(parse_scene(cross(0.4)))
+    with pytest.raises(InputError, match="bars bw and be share the node m, which linearising does not know yet"):
+        linearize(model, at_rest(model))
+
+
+def test_equilibrium_and_modes_of_the_api():
+    """A steady state under a force, by name, and the motions about it."""
+    model = build_model(parse_scene(SQUEEZED))
+    state = tc.equilibrium(model, {"n.force.z": -10.0})
+    force = np.zeros((4, 3))
+    force[1, 2] = -10.0
+    assert state["n.z"].item() == pytest.approx(statics.settle(model, force=force).nodes[1, 2], abs=1e-9)
+    assert state["we.force"].item() > 0.0
+    assert [mode.eigenvalue for mode in tc.modes(model)] == pytest.approx([mode.eigenvalue for mode in modes(model)])
