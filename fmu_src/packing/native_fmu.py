@@ -53,8 +53,13 @@ _PREFIX = """/* Names of all functions that other files of these sources call: w
 #define TS_PASTE_NAMES(a, b) a##b
 #define TS_PASTE(a, b) TS_PASTE_NAMES(a, b)
 {own}
-/* FMI's, too: some of its headers of FMI 2.0 leave the prefix to others. */
+/* FMI's, too: some of its headers of FMI 2.0 leave the prefix to others, and declare names without it. */
 {fmi}
+#if defined(fmi{version}Functions_h) && defined(__cplusplus)
+extern "C" {{
+{declared}
+}}
+#endif
 #endif
 """
 
@@ -159,7 +164,9 @@ def prefix_header(files: dict[str, bytes], version: int) -> bytes:
     runtime = "\n".join(content.decode() for name, content in sorted(files.items()) if name.startswith("fmi"))
     exported = sorted(name for _, name in _EXPORTED.findall(runtime))
     fmi = [f"#undef {name}\n#define {name} TS_PASTE({prefix}, {name})" for name in exported]
-    return _PREFIX.format(prefix=prefix, own="\n".join(own), fmi="\n".join(fmi)).encode()
+    declared = "\n".join(f"{name}TYPE {name};" for name in exported)
+    text = _PREFIX.format(prefix=prefix, version=version, own="\n".join(own), fmi="\n".join(fmi), declared=declared)
+    return text.encode()
 
 
 def compiled_of(names: Iterable[str]) -> tuple[str, ...]:
