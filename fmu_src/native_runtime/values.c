@@ -30,10 +30,9 @@ static fmu_status only_start_values(const instance *fmu, const char *what, const
 {
     char why[160];
     for (size_t i = 0; i < n; i++) {
-        const int beyond = vr[i] > (uint32_t)fmu->table.count;
-        if (vr[i] == (uint32_t)fmu->table.count || (!beyond && fmu->table.settable[vr[i]])) continue;
-        const char *name = beyond ? "an event indicator" : fmu->table.name[vr[i]];
-        snprintf(why, sizeof why, "%.100s has no value before Initialization Mode", name);
+        const uint32_t time = (uint32_t)fmu->table.count;
+        if (vr[i] == time || (vr[i] < time && fmu->table.settable[vr[i]])) continue;
+        snprintf(why, sizeof why, "%.100s has no value before Initialization Mode", fmu_name(fmu, vr[i]));
         return fmu_refuse(fmu, what, why);
     }
     return FMU_OK;
