@@ -122,7 +122,7 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     }
     if (size != ts_state_size(sim) || header.magic != STATE_MAGIC || header.model != sim->m.packed.hash ||
         hash != ts_fnv(bytes, size - sizeof hash))
-        return ts_say(sim, TS_BAD_STATE, "the saved state is damaged, of another version or of another model");
+        return ts_say(sim, TS_BAD_STATE, "the saved state is damaged, of another version or of another model; save one anew");
     copy_state(sim, (char *)bytes + sizeof header, IN);
     sim->told.count = 0;
     int possible = sim->memory.started || sim->memory.span.h == 0.0;

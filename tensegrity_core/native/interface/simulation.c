@@ -146,7 +146,7 @@ int ts_initialize(ts_sim *sim, double time)
     ts_outputs(sim, 0.0);
     status = ts_check_outputs(sim, "at the start");
     if (!ts_all_finite(sim->start.f, 2 * m->nq))
-        status = ts_say(sim, TS_NOT_FINITE, "the accelerations at the start are not finite numbers");
+        status = ts_say(sim, TS_NOT_FINITE, "the accelerations at the start are not finite numbers; give smaller inputs, or the bars more mass");
     if (status != TS_OK) sim->memory.started = 0;
     return status;
 }
