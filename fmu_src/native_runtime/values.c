@@ -44,6 +44,7 @@ static fmu_status look(instance *fmu, const uint32_t vr[], size_t n, const char 
     if (fmu->mode == MODE_INSTANTIATED) return only_start_values(fmu, what, vr, n);
     if (fmu->mode == MODE_INTERMEDIATE) return fmu_look_within(fmu, needed(fmu, vr, n), what) ? FMU_OK : FMU_DISCARD;
     if (fmu->mode == MODE_INITIALIZATION && n && !fmu_refresh(fmu, what)) return FMU_DISCARD;
+    if (ts_fill_at(fmu->sim, vr, n) != TS_OK) return fmu_refuse(fmu, what, ts_message(fmu->sim));
     return !fmu->state_count || fmu_view(fmu, needed(fmu, vr, n), what) ? FMU_OK : FMU_DISCARD;
 }
 
@@ -171,6 +172,7 @@ static fmu_status judge_real(const instance *fmu, const char *what, uint32_t vr,
 {
     if (state_at(fmu, vr) < 0) {
         if (may_be_set(fmu, vr) && accepts(&fmu->table, vr, value)) return FMU_OK;
+        ts_fill_at(fmu->sim, &vr, 1); /* what an output is may be set */
         return judge(fmu, what, vr, value, fmu->values[vr]);
     }
     if (isfinite(value)) return FMU_OK;

@@ -141,7 +141,7 @@ int ts_differentiate(ts_sim *sim, int start, void *work)
     int status = start ? look_at_start(sim) : ts_continuous_derivatives(sim, w->z);
     if (status != TS_OK) return status;
     ts_forces(sim, 0.0, sim->state.y, sim->linear.work);
-    ts_outputs(sim, 0.0);
+    ts_outputs(sim, 0.0, TS_OF_ALL);
     write_rows(&w->d, 1);
     if (!ts_all_finite(w->d.chain.weight, w->d.chain.terms))
         return ts_say(sim, TS_NOT_FINITE, "a derivative is not a finite number; lower the loads");
