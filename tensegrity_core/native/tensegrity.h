@@ -102,9 +102,12 @@ typedef int (*ts_watcher)(void *context, ts_sim *sim, ts_moment moment);
 TS_API int ts_step_watched(ts_sim *sim, double h, ts_watcher watcher, void *context, double *done);
 TS_API int ts_look(ts_sim *sim);
 
+/* A rest length or a moved node that has not been set since the last step gets the value to which that step has brought it; not
+ * where inputs have derivatives (ts_slopes()). */
+TS_API void ts_carry_inputs(ts_sim *sim);
+
 /* Take inputs and tunable parameters that differ from the last step's at once, as a step that begins now would, and fill the
- * outputs: what jumps is booked here, and not again by that step.  A rest length or a moved node that has not been set since gets
- * the value to which the last step has brought it. */
+ * outputs: what jumps is booked here, and not again by that step.  Inputs that move are carried first. */
 TS_API int ts_take_inputs(ts_sim *sim);
 
 /* First derivatives by time of all real outputs at the end of the last step, on the present branches of all strings, in the

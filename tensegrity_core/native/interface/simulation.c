@@ -151,7 +151,8 @@ int ts_initialize(ts_sim *sim, double time)
     ts_outputs(sim, 0.0, TS_OF_ALL);
     status = ts_check_outputs(sim, TS_OF_ALL, "at the start");
     if (!ts_all_finite(sim->start.f, 2 * m->nq))
-        status = ts_say(sim, TS_NOT_FINITE, "the accelerations at the start are not finite numbers; give smaller inputs, or the bars more mass");
+        status = ts_say(sim, TS_NOT_FINITE,
+                        "the accelerations at the start are not finite numbers; give smaller inputs, or the bars more mass");
     if (status != TS_OK) sim->memory.started = 0;
     return status;
 }
@@ -311,11 +312,11 @@ int ts_step(ts_sim *sim, double h)
     return TS_OK;
 }
 
-/* Where inputs that move on stand at the end of the last step, unless they or their rates have been set since. */
-static void carry_inputs(ts_sim *sim)
+void ts_carry_inputs(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     double *v = sim->io.values, h = sim->memory.last_step;
+    if (!sim->memory.started || ts_sloped(m, &sim->io)) return;
     const double *was = sim->io.applied;
     const int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE], place = m->at[TS_NODE_POSITION];
     const int velocity = m->at[TS_NODE_VELOCITY], acceleration = m->at[TS_NODE_ACCELERATION];
@@ -364,7 +365,7 @@ int ts_take_inputs(ts_sim *sim)
     int status = bring(sim, 1);
     if (status != TS_OK) return status;
     memcpy(held, sim->io.values, bytes);
-    if (!ts_sloped(m, &sim->io)) carry_inputs(sim);
+    ts_carry_inputs(sim);
     status = take_now(sim);
     if (status != TS_OK) memcpy(sim->io.values, held, bytes);
     return status;

@@ -479,6 +479,26 @@ def test_steps_end_early_at_transitions(calls):
     np.testing.assert_allclose(found, whole, rtol=1e-6, atol=2e-7)
 
 
+def test_what_moves_goes_on_after_an_early_return(calls):
+    """A host that sets inputs at its own points in time only."""
+    plain, early = calls("stepping"), calls("stepping", early_return=True)
+    start, parts = plain.get("s4.rest_length")[0], 0
+    for one in (plain, early):
+        assert one.set({FORCE: [0.0, 0.0, 400.0], "s4.rest_length_rate": -0.4}) == OK
+    for k in range(4):
+        for one in (plain, early):
+            assert one.set({"s4.rest_length": start - 0.04 * k}) == OK
+            time = 0.1 * k
+            while time < 0.1 * (k + 1) - 1e-9:
+                assert one.step(time, 0.1 * (k + 1) - time) == OK
+                time = one.reached
+                parts += one.early
+                if one.early:
+                    assert one.get("s4.rest_length")[0] == pytest.approx(start - 0.4 * time, abs=1e-12)
+        np.testing.assert_allclose(early.outputs(), plain.outputs(), rtol=1e-6, atol=2e-7)
+    assert parts > 10
+
+
 def test_a_host_looks_into_steps_and_changes_nothing(calls):
     seen, one = [], None
 
@@ -621,7 +641,7 @@ def test_states_rates_and_indicators_are_variables(calls):
 def test_what_is_behind_the_table_is_named_where_it_is_refused(calls, kind, product):
     one = calls("initialization", kind=kind)
     seed, found, output = (c_double * 3)(), (c_double * 3)(), one.references(["n4.position"])
-    for name, words in (("s3.event_indicators", "by an event indicator"), ("n4.velocity", "by n4.velocity[1]")):
+    for name, words in (("s3.event_indicators", "no Float64 variable has the value reference"), ("n4.velocity", "by n4.velocity[1]")):
         known, count = one.references([name]), one.size(name)
         sizes = (count, 3) if "Directional" in product else (3, count)
         assert one.do(product, output, 1, known, 1, seed, sizes[0], found, sizes[1]) == DISCARD and one.said(words)
