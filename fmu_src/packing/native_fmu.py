@@ -90,11 +90,15 @@ def pack_native_fmu(model: Model, destination: Path, naming: str = "structured",
     destination: the .fmu file; naming and contents: see Contents.  Raises PackError.
     """
     chosen = Contents(naming, **contents)
-    libraries = {}
-    if chosen.binaries:
-        libraries = {here(): host_library()} | {name: cross_compiled(name) for name in chosen.platforms}
-    write_zip(destination, native_fmu_files(model, chosen, libraries))
+    write_zip(destination, native_fmu_files(model, chosen, libraries_of(chosen)))
     return destination
+
+
+def libraries_of(contents: Contents) -> dict[str, Path]:
+    """The libraries that go in, by platform.  Raises PackError."""
+    if not contents.binaries:
+        return {}
+    return {here(): host_library()} | {name: cross_compiled(name) for name in contents.platforms}
 
 
 def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:

@@ -191,7 +191,6 @@ def test_the_command_builds_a_kind_beside_co_simulation(kind, tmp_path):
         ({"kind": "me", "runtimes": ("native", "python")}, "Python runtime has co-simulation only"),
         ({"kind": "both", "runtimes": ("native",), "simple": True, "validate": False}, "--simple-types"),
         ({"kind": "me", "runtimes": ("native",), "apart": True}, "--detach-actuators"),
-        ({"kind": "me", "runtimes": ("native",), "cross_check": Path("there")}, "--cross-check"),
     ],
 )
 def test_what_does_not_go_with_a_kind_is_named(options, word):
