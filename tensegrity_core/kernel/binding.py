@@ -83,6 +83,7 @@ _PROTOTYPES = {
     "ts_fill": (c_int, c_void_p, c_int),
     "ts_fill_at": (c_int, c_void_p, POINTER(c_uint32), c_size_t),
     "ts_look": (c_int, c_void_p),
+    "ts_take_inputs": (c_int, c_void_p),
     "ts_transition_count": (c_int64, c_void_p),
     "ts_transition_stored": (c_int32, c_void_p),
     "ts_transitions": (POINTER(_Transition), c_void_p),
@@ -321,6 +322,12 @@ class Kernel:
         """Bring the outputs of these GROUPS, or of all, to the end of the last step; whatever has been written to inputs since,
         they are what `step` would have filled.  Raises SimulationError where they are not finite."""
         self._require(self._library.ts_fill(self._sim, _bits(groups or GROUPS)))
+
+    def take_inputs(self) -> None:
+        """Take inputs and tunable parameters that differ from the last step's at once, as a step that begins now would: what
+        jumps is booked, and the outputs follow.  Inputs that move and have not been set since are carried first.  Raises
+        InputError, and nothing has changed."""
+        self._require(self._library.ts_take_inputs(self._sim))
 
     def look(self) -> None:
         """Within a watcher: fill the outputs of the moment."""

@@ -21,8 +21,13 @@ from tests.support.native_calls import OK, Calls
 STEPS, H, PUSH = 5, 0.01, 45.0
 #: Prefix of an FMU's functions -> scene, version of the standard.
 LINKED = {"one2_": ("two_bar", 2), "two2_": ("three_bar", 2), "one3_": ("two_bar", 3), "two3_": ("three_bar", 3)}
+#: What compilers may say nothing about.
+STRICT = ["-pedantic-errors", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
 #: Compilers, and which FMUs they put into one program.
-COMPILERS = {"gcc": (["-std=c99"], tuple(LINKED)), "g++": (["-std=c++11", "-x", "c++"], ("two2_", "two3_"))}
+COMPILERS = {
+    "gcc": (["-std=c99", *STRICT], tuple(LINKED)),
+    "g++": (["-std=c++11", "-x", "c++", *STRICT], ("two2_", "two3_")),
+}
 
 HEAD = r"""
 #include "fmi2FunctionTypes.h"
