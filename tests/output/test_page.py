@@ -165,10 +165,12 @@ def content(fmu) -> dict[str, bytes]:
 
 
 @PAGE
-def test_flat_names_of_an_fmus_variables_are_understood(tmp_path):
-    model = scene("two_bar_nsh")
-    fmu = pack_native_fmu(model, tmp_path / "flat.fmu", naming="flat")
-    assert page(model_of_fmu(fmu)) == page(model)
+@pytest.mark.parametrize("fmi, naming", [("2.0", "flat"), ("3.0", "flat"), ("3.0", "structured")])
+def test_flat_names_and_arrays_of_an_fmus_variables_are_understood(fmi, naming, tmp_path):
+    for name in ("two_bar_nsh", "six_bar"):
+        model = scene(name)
+        fmu = pack_native_fmu(model, tmp_path / f"{name}.fmu", naming=naming, kind="both", standard=fmi)
+        assert page(model_of_fmu(fmu)) == page(model)
 
 
 @PAGE

@@ -641,7 +641,10 @@ def test_states_rates_and_indicators_are_variables(calls):
 def test_what_is_behind_the_table_is_named_where_it_is_refused(calls, kind, product):
     one = calls("initialization", kind=kind)
     seed, found, output = (c_double * 3)(), (c_double * 3)(), one.references(["n4.position"])
-    for name, words in (("s3.event_indicators", "no Float64 variable has the value reference"), ("n4.velocity", "by n4.velocity[1]")):
+    for name, words in (
+        ("s3.event_indicators", "no Float64 variable has the value reference"),
+        ("n4.velocity", "by n4.velocity[1]"),
+    ):
         known, count = one.references([name]), one.size(name)
         sizes = (count, 3) if "Directional" in product else (3, count)
         assert one.do(product, output, 1, known, 1, seed, sizes[0], found, sizes[1]) == DISCARD and one.said(words)
