@@ -76,8 +76,14 @@ fmu_status fmu_get_reals(instance *fmu, const char *what, const uint32_t vr[], s
     fmu_status status = fmu_look_up(fmu, what, vr, n, value, n_values, readable(fmu));
     if (status == FMU_OK) status = look(fmu, vr, n, what);
     if (status != FMU_OK) return status;
-    for (size_t i = 0; i < n; i++)
-        for (uint32_t k = 0, span = (uint32_t)fmu_span(fmu, vr[i]); k < span; k++) *value++ = number_at(fmu, vr[i] + k);
+    const uint32_t reals = (uint32_t)fmu->table.reals;
+    for (size_t i = 0; i < n; i++) {
+        const uint32_t span = (uint32_t)fmu_span(fmu, vr[i]);
+        if (vr[i] < reals) /* most are */
+            for (uint32_t k = 0; k < span; k++) *value++ = fmu->values[vr[i] + k];
+        else
+            for (uint32_t k = 0; k < span; k++) *value++ = number_at(fmu, vr[i] + k);
+    }
     return FMU_OK;
 }
 
