@@ -14,7 +14,8 @@ static int needed(const instance *fmu, const uint32_t vr[], size_t n)
 {
     int what = 0;
     const uint32_t outputs = (uint32_t)fmu->first_output, reals = (uint32_t)fmu->table.reals, end = (uint32_t)fmu->counted;
-    const uint32_t time = (uint32_t)fmu->table.count, rates = end + (uint32_t)(fmu->state_count - STATES_IN_BLOCK);
+    const uint32_t time = (uint32_t)fmu->table.count;
+    const uint32_t rates = fmu->state_count ? end + (uint32_t)(fmu->state_count - STATES_IN_BLOCK) : time;
     for (size_t i = 0; i < n; i++)
         what |= vr[i] > time                         ? VIEW_INDICATORS
                 : vr[i] == time                      ? 0

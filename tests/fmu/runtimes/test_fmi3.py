@@ -518,6 +518,24 @@ def test_a_host_looks_into_steps_and_changes_nothing(calls):
     np.testing.assert_allclose(seen[:, 4:7], seen[:, 7:10], rtol=1e-9, atol=1e-9)
 
 
+def test_every_output_can_be_read_within_a_step(calls, planar, folder):
+    """Counts, too; in an FMU that has no states and in one that has."""
+    for where in (planar, folder):
+        seen, one = [], None
+
+        def look(time, may_end):
+            seen.append(one.outputs())  # noqa: B023
+            return False
+
+        one = calls("stepping", where=where, look=look)
+        force = "n3.force" if where is planar else FORCE
+        assert one.set({force: [0.0] * (one.size(force) - 1) + [400.0]}) == OK and one.step(0.0, 0.1) == OK
+        rows = np.array([*seen, one.outputs()])
+        assert len(seen) > 5 and np.all(np.isfinite(rows))
+        snapped = rows[:, -len(one.names("output", "Int32")) :]
+        assert snapped.max() > 0 and np.all(snapped[-1] >= snapped[0])
+
+
 def test_a_host_ends_steps_where_it_likes(calls):
     whole, _ = driven(calls("stepping"), 0.5, 0.1)
     found, times = driven(calls("stepping", early_return=True, look=lambda time, may_end: may_end), 0.5, 0.1)
