@@ -27,7 +27,7 @@ from .fields import outputs
 from .model import Inputs, Model, Result, grid
 from .model.components import names, own_names
 from .model.inputs import INPUTS, carried, require_room
-from .model.signals import Signal, driven, places, require_known
+from .model.signals import Signal, driven, places, require_known, sampler
 from .output import series
 from .output.export import require_writable
 from .output.state_space import StateSpace
@@ -171,7 +171,7 @@ def _signals(inputs: Any, model: Model) -> Mapping[str, Signal]:
     if isinstance(inputs, pd.DataFrame):
         try:
             inputs = series.from_frame(inputs)
-        except ValueError as failure:
+        except series.BadSeries as failure:
             raise InputError(f"inputs: {failure}") from None
     if isinstance(inputs, xr.Dataset):
         return _columns(inputs, model, "inputs")
@@ -203,10 +203,20 @@ def _columns(data: xr.Dataset, model: Model, where: str) -> dict[str, Signal]:
         if values.dims != ("time",):
             raise InputError(f"{where}: {name} is over {', '.join(map(str, values.dims))}; give it over time alone")
         signals[name] = (data["time"].values, values.values)
+        if name in known:
+            _require_signal(where, name, signals[name])
     require_known(model, signals, where)
     if not signals:
         raise InputError(f"{where}: no column is an input of {model.name}; inputs are {', '.join(list(known)[:30])}")
     return signals
+
+
+def _require_signal(where: str, name: str, signal: Signal) -> None:
+    """Raises InputError with the name of the file, too, for times and values that make no signal."""
+    try:
+        sampler(name, signal)
+    except InputError as failure:
+        raise InputError(f"{where}: {failure}") from None
 
 
 def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equilibrium:

@@ -211,7 +211,7 @@ double peer_outputs(peer *p, const double *x, double *position)
     const double *values = ts_values(p->sim);
     memcpy(p->sim->state.y, x, sizeof(double) * (size_t)p->n);
     ts_rhs(p->sim, 0.0, p->sim->state.y, p->sim->start.f); /* whose findings the outputs are */
-    ts_outputs(p->sim, 0.0);
+    ts_outputs(p->sim, 0.0, TS_OF_ALL);
     memcpy(position, values + at[TS_POSITION], sizeof(double) * (size_t)(at[TS_VELOCITY] - at[TS_POSITION]));
     return values[at[TS_KINETIC]] + values[at[TS_POTENTIAL]] + values[at[TS_ELASTIC]];
 }

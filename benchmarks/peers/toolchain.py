@@ -62,7 +62,7 @@ def compile_objects(sources: list[str], folder: Path) -> list[str]:
 
 
 def _flags() -> list[str]:
-    return [*kernel_build.FLAGS, f"-I{NATIVE}", f"-I{HERE}"]
+    return [*kernel_build.FLAGS, "-DTS_EXPORTED", f"-I{NATIVE}", f"-I{HERE}"]
 
 
 def _compile(command: list[str], folder: Path | None = None) -> None:

@@ -82,12 +82,10 @@ class Options:
             python.format("co-simulation"): wanted,
             "--simple-types": self.simple,
             "--detach-actuators": self.apart,
-            "--cross-check": self.cross_check,
         }
         fmi3: dict[str, Any] = {
             python.format("FMI 2.0"): wanted,
             "--ssp": self.ssp,
-            "--cross-check": self.cross_check,
         }
         for option in (option for option, given in exchange.items() if given and self.kind != "cs"):
             raise InputError(f"--kind {self.kind} does not go with {option}")

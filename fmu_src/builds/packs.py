@@ -44,10 +44,9 @@ def pack_all(models: dict[str, Model], pages: dict[str, bytes], work: Work) -> d
                 system = detached_system(model, apart[name], packed, options.naming)
                 work.say(f"wrote {write_ssp(options.output / runtime / f'{name}.ssp', system, options.ssp)}")
         if options.cross_check:
-            place = write_cross_check(
-                model, options.cross_check, options.naming, options.cache, told, **contents(options, pages.get(name))
-            )
-            work.say(f"wrote {place}")
+            chosen = contents(options, pages.get(name))
+            for place in write_cross_check(model, options.cross_check, options.naming, options.cache, told, **chosen):
+                work.say(f"wrote {place}")
     return found
 
 

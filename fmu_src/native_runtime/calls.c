@@ -94,6 +94,12 @@ int32_t fmu_span(const instance *fmu, uint32_t vr)
     return each && place % each == 0 ? (int32_t)each : 0;
 }
 
+const char *fmu_name(const instance *fmu, uint32_t vr)
+{
+    const uint32_t count = (uint32_t)fmu->table.count;
+    return vr < count ? fmu->table.name[vr] : vr == count ? "time" : "an event indicator";
+}
+
 fmu_status fmu_look_up(const instance *fmu, const char *what, const uint32_t vr[], size_t n, const void *values,
                        size_t n_values, fmu_range range)
 {

@@ -32,6 +32,7 @@ typedef struct {
 /* How many values the variable has that starts at this reference; 0: none does.  Behind the table there are time, and each string's
  * event indicators. */
 int32_t fmu_span(const instance *fmu, uint32_t vr);
+const char *fmu_name(const instance *fmu, uint32_t vr); /* of a value, for messages */
 
 /* FMU_OK where the values are there and belong to variables of these references, all of the range. */
 fmu_status fmu_look_up(const instance *fmu, const char *what, const uint32_t vr[], size_t n, const void *values,

@@ -83,6 +83,7 @@ fmu_status fmu_step(instance *fmu, const char *what, double point, double h, fmu
     if (status != TS_OK) return discard(fmu, point, fmu_refusal(fmu, status, why, sizeof why));
     fmu->discarded = 0;
     if (done >= h) fmu->time = end;
+    else ts_carry_inputs(fmu->sim); /* a host may not know them there: so they go on */
     fmu_log_events(fmu);
     return FMU_OK;
 }

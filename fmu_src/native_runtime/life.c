@@ -76,6 +76,7 @@ static int allocate(instance *fmu, char *why, size_t capacity)
         snprintf(why, capacity, "this FMU is for %s%s", kinds, remedy);
         return 0;
     }
+    if (fmu->kind == FMU_CO_SIMULATION) ts_want(fmu->sim, 0); /* outputs are computed when somebody reads them, values.c */
     fmu->first_output = ts_output_first(fmu->sim);
     fmu->derivatives = (double *)malloc(sizeof(double) * (size_t)(fmu->table.reals - fmu->first_output));
     fmu->states = (double *)malloc(sizeof(double) * (size_t)(2 * fmu->state_count + fmu->indicator_count + 1));

@@ -39,7 +39,7 @@ static int32_t integral_of(const instance *fmu, uint32_t vr)
 static fmu_status not_known(const instance *fmu, const char *what, uint32_t vr, const char *why)
 {
     char text[256];
-    snprintf(text, sizeof text, "nothing can be differentiated by %.100s: %s", fmu->table.name[vr], why);
+    snprintf(text, sizeof text, "nothing can be differentiated by %.100s: %s", fmu_name(fmu, vr), why);
     return fmu_refuse(fmu, what, text);
 }
 

@@ -100,6 +100,7 @@ static fmu_status one_of_ours(const instance *fmu, const char *what, const void 
 fmu_status fmu_get_state(instance *fmu, const char *what, void **state)
 {
     if (!state) return fmu_refuse(fmu, what, "a null pointer was passed");
+    if (ts_fill(fmu->sim, TS_OF_ALL) != TS_OK) return fmu_refuse(fmu, what, ts_message(fmu->sim));
     if (!*state && !(*state = malloc(fmu_state_size(fmu)))) return fmu_error(fmu, what, "out of memory");
     fmu_state_save(fmu, (char *)*state);
     return FMU_OK;

@@ -14,7 +14,8 @@ static int needed(const instance *fmu, const uint32_t vr[], size_t n)
 {
     int what = 0;
     const uint32_t outputs = (uint32_t)fmu->first_output, reals = (uint32_t)fmu->table.reals, end = (uint32_t)fmu->counted;
-    const uint32_t time = (uint32_t)fmu->table.count, rates = end + (uint32_t)(fmu->state_count - STATES_IN_BLOCK);
+    const uint32_t time = (uint32_t)fmu->table.count;
+    const uint32_t rates = fmu->state_count ? end + (uint32_t)(fmu->state_count - STATES_IN_BLOCK) : time;
     for (size_t i = 0; i < n; i++)
         what |= vr[i] > time                         ? VIEW_INDICATORS
                 : vr[i] == time                      ? 0
@@ -30,10 +31,9 @@ static fmu_status only_start_values(const instance *fmu, const char *what, const
 {
     char why[160];
     for (size_t i = 0; i < n; i++) {
-        const int beyond = vr[i] > (uint32_t)fmu->table.count;
-        if (vr[i] == (uint32_t)fmu->table.count || (!beyond && fmu->table.settable[vr[i]])) continue;
-        const char *name = beyond ? "an event indicator" : fmu->table.name[vr[i]];
-        snprintf(why, sizeof why, "%.100s has no value before Initialization Mode", name);
+        const uint32_t time = (uint32_t)fmu->table.count;
+        if (vr[i] == time || (vr[i] < time && fmu->table.settable[vr[i]])) continue;
+        snprintf(why, sizeof why, "%.100s has no value before Initialization Mode", fmu_name(fmu, vr[i]));
         return fmu_refuse(fmu, what, why);
     }
     return FMU_OK;
@@ -45,6 +45,7 @@ static fmu_status look(instance *fmu, const uint32_t vr[], size_t n, const char 
     if (fmu->mode == MODE_INSTANTIATED) return only_start_values(fmu, what, vr, n);
     if (fmu->mode == MODE_INTERMEDIATE) return fmu_look_within(fmu, needed(fmu, vr, n), what) ? FMU_OK : FMU_DISCARD;
     if (fmu->mode == MODE_INITIALIZATION && n && !fmu_refresh(fmu, what)) return FMU_DISCARD;
+    if (ts_fill_at(fmu->sim, vr, n) != TS_OK) return fmu_refuse(fmu, what, ts_message(fmu->sim));
     return !fmu->state_count || fmu_view(fmu, needed(fmu, vr, n), what) ? FMU_OK : FMU_DISCARD;
 }
 
@@ -76,8 +77,14 @@ fmu_status fmu_get_reals(instance *fmu, const char *what, const uint32_t vr[], s
     fmu_status status = fmu_look_up(fmu, what, vr, n, value, n_values, readable(fmu));
     if (status == FMU_OK) status = look(fmu, vr, n, what);
     if (status != FMU_OK) return status;
-    for (size_t i = 0; i < n; i++)
-        for (uint32_t k = 0, span = (uint32_t)fmu_span(fmu, vr[i]); k < span; k++) *value++ = number_at(fmu, vr[i] + k);
+    const uint32_t reals = (uint32_t)fmu->table.reals;
+    for (size_t i = 0; i < n; i++) {
+        const uint32_t span = (uint32_t)fmu_span(fmu, vr[i]);
+        if (vr[i] < reals) /* most are */
+            for (uint32_t k = 0; k < span; k++) *value++ = fmu->values[vr[i] + k];
+        else
+            for (uint32_t k = 0; k < span; k++) *value++ = number_at(fmu, vr[i] + k);
+    }
     return FMU_OK;
 }
 
@@ -172,6 +179,7 @@ static fmu_status judge_real(const instance *fmu, const char *what, uint32_t vr,
 {
     if (state_at(fmu, vr) < 0) {
         if (may_be_set(fmu, vr) && accepts(&fmu->table, vr, value)) return FMU_OK;
+        ts_fill_at(fmu->sim, &vr, 1); /* what an output is may be set */
         return judge(fmu, what, vr, value, fmu->values[vr]);
     }
     if (isfinite(value)) return FMU_OK;

@@ -40,10 +40,19 @@ def _file(package: Path, module: str) -> Path | None:
 def _imports(path: Path, within: str):
     """(module by its full name, names imported from it) for each import statement of a file; within: the package it stands
     in."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+    for node in ast.walk(_parsed(path)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name, []
         elif isinstance(node, ast.ImportFrom):
             above = within.split(".")[: len(within.split(".")) - node.level + 1] if node.level else []
             yield ".".join([*above, *filter(None, [node.module])]), [alias.name for alias in node.names]
+
+
+def _parsed(path: Path) -> ast.Module:
+    """Python 3.11 may fail where its garbage collection, or another thread, parses something else meanwhile: then again."""
+    text = path.read_text(encoding="utf-8")
+    try:
+        return ast.parse(text, str(path))
+    except SystemError:
+        return ast.parse(text, str(path))

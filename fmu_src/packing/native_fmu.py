@@ -53,8 +53,13 @@ _PREFIX = """/* Names of all functions that other files of these sources call: w
 #define TS_PASTE_NAMES(a, b) a##b
 #define TS_PASTE(a, b) TS_PASTE_NAMES(a, b)
 {own}
-/* FMI's, too: some of its headers of FMI 2.0 leave the prefix to others. */
+/* FMI's, too: some of its headers of FMI 2.0 leave the prefix to others, and declare names without it. */
 {fmi}
+#if defined(fmi{version}Functions_h) && defined(__cplusplus)
+extern "C" {{
+{declared}
+}}
+#endif
 #endif
 """
 
@@ -85,11 +90,15 @@ def pack_native_fmu(model: Model, destination: Path, naming: str = "structured",
     destination: the .fmu file; naming and contents: see Contents.  Raises PackError.
     """
     chosen = Contents(naming, **contents)
-    libraries = {}
-    if chosen.binaries:
-        libraries = {here(): host_library()} | {name: cross_compiled(name) for name in chosen.platforms}
-    write_zip(destination, native_fmu_files(model, chosen, libraries))
+    write_zip(destination, native_fmu_files(model, chosen, libraries_of(chosen)))
     return destination
+
+
+def libraries_of(contents: Contents) -> dict[str, Path]:
+    """The libraries that go in, by platform.  Raises PackError."""
+    if not contents.binaries:
+        return {}
+    return {here(): host_library()} | {name: cross_compiled(name) for name in contents.platforms}
 
 
 def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path]) -> dict[str, bytes]:
@@ -159,7 +168,9 @@ def prefix_header(files: dict[str, bytes], version: int) -> bytes:
     runtime = "\n".join(content.decode() for name, content in sorted(files.items()) if name.startswith("fmi"))
     exported = sorted(name for _, name in _EXPORTED.findall(runtime))
     fmi = [f"#undef {name}\n#define {name} TS_PASTE({prefix}, {name})" for name in exported]
-    return _PREFIX.format(prefix=prefix, own="\n".join(own), fmi="\n".join(fmi)).encode()
+    declared = "\n".join(f"{name}TYPE {name};" for name in exported)
+    text = _PREFIX.format(prefix=prefix, version=version, own="\n".join(own), fmi="\n".join(fmi), declared=declared)
+    return text.encode()
 
 
 def compiled_of(names: Iterable[str]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from collections.abc import Callable
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_void_p
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -57,6 +57,10 @@ _WATCHER = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_int)
 _AT_TRANSITION = 2
 _GO_ON, _END_HERE, _GIVE_UP = range(3)
 
+#: Outputs that are computed together: positions and velocities of nodes and motors, and snapped beams; forces and lengths of
+#: strings, bar forces and reactions; energies; what the ledger integrates.
+GROUPS = ("motion", "forces", "energies", "work")
+
 _PROTOTYPES = {
     "ts_create": (c_void_p, c_char_p, c_size_t, c_char_p, c_size_t),
     "ts_free": (None, c_void_p),
@@ -75,7 +79,11 @@ _PROTOTYPES = {
     "ts_reset": (c_int, c_void_p),
     "ts_step": (c_int, c_void_p, c_double),
     "ts_step_watched": (c_int, c_void_p, c_double, _WATCHER, c_void_p, POINTER(c_double)),
+    "ts_want": (None, c_void_p, c_int),
+    "ts_fill": (c_int, c_void_p, c_int),
+    "ts_fill_at": (c_int, c_void_p, POINTER(c_uint32), c_size_t),
     "ts_look": (c_int, c_void_p),
+    "ts_take_inputs": (c_int, c_void_p),
     "ts_transition_count": (c_int64, c_void_p),
     "ts_transition_stored": (c_int32, c_void_p),
     "ts_transitions": (POINTER(_Transition), c_void_p),
@@ -138,6 +146,12 @@ def _loaded(path: str, changed: int) -> ctypes.CDLL:
 
 def _pointer(array: np.ndarray):
     return array.ctypes.data_as(POINTER(c_double))
+
+
+def _bits(groups) -> int:
+    if wrong := [group for group in groups if group not in GROUPS]:
+        raise InputError(f"group = {wrong[0]!r} is not one of {', '.join(GROUPS)}")
+    return sum(1 << GROUPS.index(group) for group in set(groups))
 
 
 class _Handle:
@@ -299,6 +313,21 @@ class Kernel:
             raise raised[0]
         self._require(status)
         return done.value
+
+    def want(self, *groups: str) -> None:
+        """Which of GROUPS a `step` fills with outputs, at first all of them; the others stay as they are until `fill`."""
+        self._library.ts_want(self._sim, _bits(groups))
+
+    def fill(self, *groups: str) -> None:
+        """Bring the outputs of these GROUPS, or of all, to the end of the last step; whatever has been written to inputs since,
+        they are what `step` would have filled.  Raises SimulationError where they are not finite."""
+        self._require(self._library.ts_fill(self._sim, _bits(groups or GROUPS)))
+
+    def take_inputs(self) -> None:
+        """Take inputs and tunable parameters that differ from the last step's at once, as a step that begins now would: what
+        jumps is booked, and the outputs follow.  Inputs that move and have not been set since are carried first.  Raises
+        InputError, and nothing has changed."""
+        self._require(self._library.ts_take_inputs(self._sim))
 
     def look(self) -> None:
         """Within a watcher: fill the outputs of the moment."""

@@ -58,8 +58,17 @@ def _full(model: Model, field: str, start: np.ndarray, signals: list, t: float) 
     """The field's values at t in the shape of `held`'s signals."""
     flat = start.copy()
     for place, name, sample in signals:
-        flat[place] = number(name, sample(t))
+        flat[place] = number(name, _value(name, sample, t))
     return spread(INPUTS[field], model, flat[None])[0]
+
+
+def _value(name: str, sample: Callable[[float], Any], t: float) -> Any:
+    """What a function gives at t.  Raises InputError where it raises."""
+    try:
+        return sample(t)
+    except Exception as failure:
+        what = f"{type(failure).__name__}: {failure}" if str(failure) else type(failure).__name__
+        raise InputError(f"{name}: its function fails at t = {t:g} s ({what}); give one that has a value there") from failure
 
 
 def sampler(name: str, signal: Signal) -> Callable[[float], float]:

@@ -81,6 +81,15 @@ TS_API int ts_initialize(ts_sim *sim, double time);
 /* Advance by h > 0 (s) under the present inputs and tunable parameters, and fill the outputs. */
 TS_API int ts_step(ts_sim *sim, double h);
 
+/* Outputs on demand.  They are computed in four groups: positions and velocities of nodes and motors; forces and lengths; energies;
+ * what the ledger integrates.  ts_want() says of which groups ts_step() fills outputs, at first of all; the others stay in the
+ * block as they are until ts_fill(), or ts_fill_at() of places in the block (integers follow), brings them to the end of the last step.  Whoever
+ * asks late gets the same numbers, whatever inputs have been written meanwhile.  TS_NOT_FINITE: they are no finite numbers. */
+enum { TS_OF_MOTION = 1, TS_OF_FORCES = 2, TS_OF_ENERGIES = 4, TS_OF_WORK = 8, TS_OF_ALL = 15 };
+TS_API void ts_want(ts_sim *sim, int groups);
+TS_API int ts_fill(ts_sim *sim, int groups);
+TS_API int ts_fill_at(ts_sim *sim, const uint32_t *places, size_t count);
+
 /* The same, watched: the watcher is called where an internal step has ended before the call's end, and where transitions have been
  * carried out there.  There ts_time() is the time reached, ts_transitions() are those so far, ts_look() brings the outputs into
  * the block, and ts_output_derivatives() differentiates them; every other call that changes the simulation is refused, and
@@ -93,9 +102,12 @@ typedef int (*ts_watcher)(void *context, ts_sim *sim, ts_moment moment);
 TS_API int ts_step_watched(ts_sim *sim, double h, ts_watcher watcher, void *context, double *done);
 TS_API int ts_look(ts_sim *sim);
 
+/* A rest length or a moved node that has not been set since the last step gets the value to which that step has brought it; not
+ * where inputs have derivatives (ts_slopes()). */
+TS_API void ts_carry_inputs(ts_sim *sim);
+
 /* Take inputs and tunable parameters that differ from the last step's at once, as a step that begins now would, and fill the
- * outputs: what jumps is booked here, and not again by that step.  A rest length or a moved node that has not been set since gets
- * the value to which the last step has brought it. */
+ * outputs: what jumps is booked here, and not again by that step.  Inputs that move are carried first. */
 TS_API int ts_take_inputs(ts_sim *sim);
 
 /* First derivatives by time of all real outputs at the end of the last step, on the present branches of all strings, in the

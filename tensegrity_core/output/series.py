@@ -36,6 +36,10 @@ class _Part(NamedTuple):
     kind: type
 
 
+class BadSeries(ValueError):
+    """What is wrong with a table or a file of series, in words for who wrote it."""
+
+
 TRANSITION = {
     "time": _Part("s", "when a string changed its piece", float),
     "string": _Part("", "name of the string", str),
@@ -96,16 +100,24 @@ def read(path: str | Path) -> xr.Dataset:
     if reader is None:
         raise InputError(f"{path}: only {', '.join(READERS)} files can be read; name one")
     try:
+        with path.open("rb"):  # what the system says of it, before a library does
+            pass
         data = reader(path)
         if data["time"].dtype.kind not in "iuf" or " since " in str(data["time"].attrs.get("units", "")):
-            raise ValueError("its times are dates; give seconds since the start, as numbers")
+            raise BadSeries("its times are dates; give seconds since the start, as numbers")
         return data
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not UTF-8 text; save it as UTF-8") from None
-    except OSError as failure:
-        raise InputError(f"{path} cannot be read: {failure.strerror or failure}; name another file") from failure
-    except (ValueError, TypeError, KeyError) as failure:
-        raise InputError(f"{path}: {str(failure).splitlines()[0]}") from failure
+    except BadSeries as failure:
+        raise InputError(f"{path}: {failure}") from failure
+    except InputError:
+        raise
+    except Exception as failure:
+        if isinstance(failure, UnicodeDecodeError) and path.suffix.lower() == ".csv":
+            raise InputError(f"{path} is not UTF-8 text; save it as UTF-8") from None
+        if isinstance(failure, OSError) and failure.errno:
+            raise InputError(f"{path} cannot be read: {failure.strerror}; name another file") from failure
+        raise InputError(
+            f"{path} is no {FORMATS[path.suffix.lower()]} file, or a damaged one; write it anew, or name another file"
+        ) from failure
 
 
 def _netcdf(data: xr.Dataset) -> bytes:
@@ -146,37 +158,33 @@ def _parquet(data: xr.Dataset) -> bytes:
 def _from_netcdf(path: Path) -> xr.Dataset:
     with path.open("rb") as file:
         if file.read(3) != b"CDF":
-            raise ValueError("it is no NetCDF 3 file; write it by to_netcdf(..., engine='scipy')")
+            raise BadSeries("it is no NetCDF 3 file; write it by to_netcdf(..., engine='scipy')")
     with xr.open_dataset(path, engine="scipy", decode_times=False) as data:
         if "time" not in data:
-            raise ValueError(f"it has no variable `time`, but {', '.join(map(str, data.variables))}")
+            raise BadSeries(f"it has no variable `time`, but {', '.join(map(str, data.variables))}")
         return data.load()
 
 
 def _from_csv(path: Path) -> xr.Dataset:
-    """Fields as texts: pandas reads numbers fast, and not to the last bit.  Raises ValueError."""
+    """Fields as texts: pandas reads numbers fast, and not to the last bit.  Raises BadSeries."""
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = [row for row in csv.reader(file, skipinitialspace=True) if any(map(str.strip, row))]
     header = [name.strip() for name in rows[0]] if rows else []
     if len(header) == 1 and ";" in header[0]:
-        raise ValueError("its columns are separated by semicolons; separate them with commas, and write decimals with points")
+        raise BadSeries("its columns are separated by semicolons; separate them with commas, and write decimals with points")
     for i, name in enumerate(header):
         if not name or name in header[:i]:
-            raise ValueError(
-                f"column {name} stands twice; name it once" if name else f"column {i + 1} has no name; give it one"
-            )
+            raise BadSeries(f"column {name} stands twice; name it once" if name else f"column {i + 1} has no name; give it one")
     if len(rows) < 2:
-        raise ValueError("it has no rows of numbers; give a header and at least one row")
+        raise BadSeries("it has no rows of numbers; give a header and at least one row")
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(header):
-            raise ValueError(
-                f"row {number} has {len(row)} values, the header {len(header)} names; give one value for each name"
-            )
+            raise BadSeries(f"row {number} has {len(row)} values, the header {len(header)} names; give one value for each name")
     return from_frame(pd.DataFrame({name: _numbers(name, texts) for name, texts in zip(header, zip(*rows[1:]))}))
 
 
 def _numbers(name: str, texts: Iterable[str]) -> np.ndarray:
-    """Raises ValueError for what is no finite number."""
+    """Raises BadSeries for what is no finite number."""
     found = []
     for row, text in enumerate(texts, 2):
         try:
@@ -184,16 +192,16 @@ def _numbers(name: str, texts: Iterable[str]) -> np.ndarray:
         except ValueError:
             found.append(np.nan)
         if not np.isfinite(found[-1]):
-            raise ValueError(f"row {row}, column {name}: {text!r} is not a finite number; give one, or leave the row out")
+            raise BadSeries(f"row {row}, column {name}: {text!r} is not a finite number; give one, or leave the row out")
     return np.array(found)
 
 
 def from_frame(table: pd.DataFrame) -> xr.Dataset:
-    """A Dataset of a table's columns, over its column or its index `time`, s.  Raises ValueError where it has none."""
+    """A Dataset of a table's columns, over its column or its index `time`, s.  Raises BadSeries where it has none."""
     if "time" not in table and table.index.name == "time":
         table = table.reset_index()
     if "time" not in table:
-        raise ValueError(f"it has no column `time`, but {', '.join(map(str, table))}")
+        raise BadSeries(f"it has no column `time`, but {', '.join(map(str, table))}")
     series = {str(name): ("time", table[name].to_numpy()) for name in table if name != "time"}
     return xr.Dataset(series, {"time": ("time", table["time"].to_numpy())})
 
@@ -212,3 +220,4 @@ def _from_parquet(path: Path) -> xr.Dataset:
 
 WRITERS: dict[str, Callable[[xr.Dataset], bytes]] = {".nc": _netcdf, ".parquet": _parquet, ".csv": _csv}
 READERS: dict[str, Callable[[Path], xr.Dataset]] = {".nc": _from_netcdf, ".parquet": _from_parquet, ".csv": _from_csv}
+FORMATS = {".nc": "NetCDF 3", ".parquet": "Parquet", ".csv": "CSV"}

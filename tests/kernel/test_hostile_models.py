@@ -18,6 +18,7 @@ from tensegrity_core.kernel import Kernel, to_bytes
 from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, built
 from tests.support.element_scenes import mast
+from tests.support.words import words
 
 WHOLE = (-(2**31), -(10**6), -2, -1, 0, 1, 2, 3, 7, 100, 65536, 10**6, 10**6 + 1, 2**30, 2**31 - 1)
 REAL = (np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, 1.0, 5e-324, 1e-300, 1e-12, 1e-3, 1e3, 1e12, 1e150, 1e300, 1.7e308, -1e300)
@@ -109,7 +110,7 @@ def test_wrong_models_under_a_right_checksum():
 
 
 if __name__ == "__main__":
-    total, size = int(sys.argv[1]), 500
+    (total,), size = words(__doc__, int), 500
     for start in range(0, total, size):
         found = report(start, min(size, total - start))
         slowest = max(found, key=lambda row: float(row[2]))

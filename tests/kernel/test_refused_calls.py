@@ -7,7 +7,6 @@ The sequences are seeded: `python -m tests.kernel.test_refused_calls COUNT` runs
 from __future__ import annotations
 
 import dataclasses
-import sys
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from tensegrity_core.model import held
 from tests.support import changed, push, scene
 from tests.support.driven_scenes import LABORATORY, built
 from tests.support.element_scenes import mast
+from tests.support.words import words
 
 NOT_FINITE = (np.nan, np.inf, -np.inf)
 HUGE = (1e30, 1e100, 1e150, 1e155, 1e200, 1e300, 1.7e308)
@@ -287,4 +287,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*words(__doc__, int))

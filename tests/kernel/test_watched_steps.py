@@ -6,7 +6,6 @@ The sequences are seeded: `python -m tests.kernel.test_watched_steps COUNT` runs
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +16,7 @@ from tensegrity_core.fields import METHODS
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Transition
 from tests.kernel.test_refused_calls import MODELS
+from tests.support.words import words
 
 H, STEPS = 0.01, 10
 ENERGIES = ("kinetic", "potential", "elastic", "dissipated")
@@ -276,10 +276,11 @@ def test_a_part_that_fails_keeps_the_last_good_state():
 
 
 if __name__ == "__main__":
+    (count,) = words(__doc__, int)
     moments, total = 0, np.zeros(2, dtype=int)
     for name in MODELS:
         for method in METHODS:
-            for seed in range(int(sys.argv[1])):
+            for seed in range(count):
                 moments += watch_and_compare(name, method, seed, STEPS)
                 total += parts_and_whole(name, method, seed, STEPS)
     print(f"{moments} moments looked at; {total[0]} transitions, {total[1]} parts")

@@ -12,7 +12,6 @@ round-off, so that where two of them are apart by TIE and less than ROUND_OFF mo
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from decimal import Decimal, getcontext
 from itertools import product
@@ -23,6 +22,7 @@ import numpy as np
 from tensegrity_core import laws
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import NSH
+from tests.support.words import words
 
 getcontext().prec = 40
 TIE, ROUND_OFF = 32 * 2.0**-52, 4 * 2.0**-52  # of the force; of a maximum as computed, and some
@@ -226,7 +226,8 @@ def check_one(honeycomb: NSH, name: str, law, points: list[Sample], gap: float) 
 
 
 if __name__ == "__main__":
-    looked, base = 0, [int(base) for base in sys.argv[2:]]  # further numbers seed other honeycombs
-    for seed in range(int(sys.argv[1])):
+    count, further = words(__doc__, int, seeds=[])  # further numbers seed other honeycombs
+    looked, base = 0, [int(seed) for seed in further]
+    for seed in range(count):
         looked += check(tied(np.random.default_rng([seed, *base] if base else seed), DISTANCES[seed % len(DISTANCES)]))
-    print(f"{sys.argv[1]} honeycombs that tie, {looked} points, each of 3 laws: all within round-off of 40 digits")
+    print(f"{count} honeycombs that tie, {looked} points, each of 3 laws: all within round-off of 40 digits")

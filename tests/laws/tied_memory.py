@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import collections
 import math
-import sys
 from decimal import Decimal
 from itertools import pairwise, product
 
@@ -23,6 +22,7 @@ from tensegrity_core.laws.hysteresis import Branch, follow, memory, start
 from tensegrity_core.model import NSH
 from tensegrity_core.model.elements import Beam, Series
 from tests.laws.tied_laws import FOUR, ONE, TIE, apart, exact, extremum
+from tests.support.words import words
 
 #: How far off each truth's force of a minimum may be, as a part of the largest force on the stretches that end there.
 ROUND_OFF = 8 * 2.0**-52
@@ -139,7 +139,7 @@ def compare(element: Series, k: float, x: np.ndarray) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    count, base, most, fewest = map(int, (*sys.argv[1:], *("100", "0", "6", "2")[len(sys.argv) - 1 :]))
+    count, base, most, fewest = words(__doc__, count=100, seed=0, most=6, fewest=2)
     kinds = collections.Counter()
     for seed in range(count):
         random = np.random.default_rng([seed, base])

@@ -6,7 +6,6 @@ from __future__ import annotations
 import base64
 import json
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ from tensegrity_core.output.page.made import folder_of_parts
 from tensegrity_core.scene import builtin_scenes
 from tests.support import scene
 from tests.support.recorded import OPTIONS, history
+from tests.support.words import words
 
 RUNNER = Path(__file__).with_name("page_kernel.mjs")
 
@@ -79,12 +79,12 @@ def side_by_side(models: list[Model], seconds: float, folder: Path, tolerance: f
             runs.append((model, method, kernel, simulate(model, inputs, **options)))
     values, told = under_node(jobs, folder)
     found, at = [], 0
-    for (model, method, kernel, native), words in zip(runs, told, strict=True):
+    for (model, method, kernel, native), answer in zip(runs, told, strict=True):
         count = len(native.times) * len(kernel.values)
         rows = values[at : at + count].reshape(len(native.times), -1)
         at += count
         series = {field.name: rows[:, kernel.layout[field.name]] for field in FIELDS if field.role == "output"}
-        found.append(Run(model, method, native, series, words))
+        found.append(Run(model, method, native, series, answer))
     assert at == len(values)
     return found
 
@@ -101,7 +101,7 @@ def differences(run: Run) -> dict[str, float]:
 
 
 def main() -> None:
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 1.0
+    (seconds,) = words(__doc__, seconds=1.0)
     with tempfile.TemporaryDirectory() as folder:
         runs = side_by_side([scene(name) for name in builtin_scenes()], seconds, Path(folder))
     for run in runs:

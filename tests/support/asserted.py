@@ -51,4 +51,6 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] in (["-h"], ["--help"]):  # other words are pytest's
+        sys.exit(print(__doc__))
     sys.exit(main(sys.argv[1:]))

@@ -96,7 +96,7 @@ class Bench:
         value = self.x[j] if j < n else self.kernel.values[j - n]
         field = "" if j < n else self.kernel.place(j - n)[0]
         h = (5e-5 if j < self.half else 1e-3) if j < n else INPUTS.get(field, (0.0, 1e-2 * max(abs(value), 1.0)))[1]
-        h *= 0.1 if self.model.memories and h == 5e-5 else 1.0  # folds are near
+        h *= 0.02 if self.model.memories and h == 5e-5 else 1.0  # folds are near
         found = []
         for step in (h, h / 2.0, h / 4.0):
             self.put(j, value + step)

@@ -13,6 +13,7 @@ from pathlib import Path
 from tensegrity_core.files import write_bytes
 from tests.output.page_pictures import shrunk
 from tests.support.browser import Browser
+from tests.support.words import words
 from tests.whole.test_site import served
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,4 +42,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()

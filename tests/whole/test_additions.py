@@ -227,7 +227,8 @@ def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Pat
 def judged(copy: Path, run_name: str) -> str:
     """What is said of an FMU of the copy that fails under one of the runs, the others left out."""
     code = (
-        "import sys\nfrom fmu_src import build\nfrom fmu_src.builds import judgement\nfrom fmu_src.validation.trials import trials\n"
+        "import sys\nfrom fmu_src import build\nfrom fmu_src.builds import judgement\n"
+        "from fmu_src.validation.trials import trials\n"
         "judgement.trials = lambda model: [one for one in trials(model) if one.name.startswith(sys.argv[1])]\n"
         "sys.exit(build.main('two_bar --output dist --runtime native --no-page'.split()))\n"
     )

@@ -14,7 +14,7 @@ import xarray as xr
 import tensegrity_core as tc
 from fmu_src.variables.interface import variables
 from tensegrity_core import kernel
-from tensegrity_core.errors import InputError, SceneError, TensegrityError
+from tensegrity_core.errors import InputError, SceneError, SimulationError, TensegrityError
 from tensegrity_core.model import grid, held
 from tensegrity_core.output import series
 from tensegrity_core.output.page import Parts, document
@@ -146,22 +146,53 @@ def test_a_bad_file_of_inputs_is_named(text, told, tmp_path):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=".") as failure:
         tc.simulate("two_bar", path, **SHORT)
-    assert told in str(failure.value)
+    assert told in str(failure.value) and str(failure.value).startswith(str(path))
 
 
 def test_files_of_other_kinds_are_named(tmp_path):
     (tmp_path / "in.csv").write_bytes("time,größe\n".encode("latin-1"))
-    (tmp_path / "in.nc").write_bytes(b"garbage")
+    for ending in ("nc", "parquet"):
+        (tmp_path / f"in.{ending}").write_bytes(b"garbage")
+    pd.DataFrame({"time": [1.0, 0.0], "n4.force.z": [1.0, 1.0]}).to_parquet(tmp_path / "late.parquet")
     dates = np.array(["2026-01-01", "2026-01-02"], dtype="datetime64[ns]")
     xr.Dataset({"n4.force.z": ("time", [0.0, 1.0])}, {"time": dates}).to_netcdf(tmp_path / "dates.nc", engine="scipy")
     wide = xr.Dataset({"n4.force.z": (("time", "k"), np.ones((2, 2)))}, {"time": [0.0, 1.0]})
     wide.to_netcdf(tmp_path / "wide.nc", engine="scipy")
     cases = {"in.csv": "save it as UTF-8", "in.nc": "no NetCDF 3 file", "dates.nc": "give seconds since the start"}
+    cases |= {"in.parquet": "is no Parquet file, or a damaged one; write it anew", "late.parquet": "sort the rows by time"}
     cases |= {"wide.nc": "give it over time alone", "nowhere.csv": "No such file", "in.txt": "only .nc, .parquet, .csv"}
     for name, told in cases.items():
         with pytest.raises(InputError) as failure:
             tc.simulate("two_bar", tmp_path / name, **SHORT)
         assert told in str(failure.value) and name in str(failure.value)
+
+
+def damaged(good: bytes, number: int) -> bytes:
+    """Cut, with wrong bytes, or with a gap."""
+    rng = np.random.default_rng(number)
+    at = int(rng.integers(len(good)))
+    if number % 3 == 0:
+        return good[:at]
+    if number % 3 == 1:
+        content = bytearray(good)
+        for place in rng.integers(len(good), size=5):
+            content[place] = rng.integers(256)
+        return bytes(content)
+    return good[:at] + good[at + int(rng.integers(1, 200)) :]
+
+
+@pytest.mark.parametrize("ending", [".nc", ".parquet", ".csv"])
+def test_damaged_files_are_read_or_named_in_one_line(ending, tmp_path):
+    path, refused = tc.simulate("two_bar", **SHORT).save(tmp_path / f"run{ending}"), 0
+    good = path.read_bytes()
+    for number in range(60):
+        path.write_bytes(damaged(good, number))
+        try:
+            series.read(path)
+        except InputError as failure:
+            refused += 1
+            assert str(failure).startswith(str(path)) and len(str(failure).splitlines()) == 1
+    assert refused > 40
 
 
 def test_tables_and_series_are_inputs_too():
@@ -219,6 +250,18 @@ def test_what_is_of_another_kind_is_an_error_of_the_project(call, told):
     with pytest.raises(InputError) as failure:
         call()
     assert told in str(failure.value) and len(str(failure.value)) < 700
+
+
+def test_a_function_that_fails_is_named_with_its_time_and_its_cause():
+    told = r"n4\.force\.z: its function fails at t = 0\.2\d* s \(IndexError: list index out of range\)"
+    with pytest.raises(InputError, match=told) as failure:
+        tc.simulate("two_bar", {"n4.force.z": lambda t: [1.0][int(t > 0.2)]}, **SHORT)
+    assert isinstance(failure.value.__cause__, IndexError)
+
+
+def test_a_force_beyond_all_numbers_is_refused_with_a_remedy():
+    with pytest.raises(SimulationError, match=r"^step_too_small at t = 0\.0 s: .*; give smaller inputs"):
+        tc.simulate("two_bar", {"n4.force.z": 1e300}, **SHORT)
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ import pytest
 
 from benchmarks.coupling import system
 from fmu_src import build
-from fmu_src.variables.interface import variables
 from fmu_src.variables.described import LOG_CATEGORIES
+from fmu_src.variables.interface import variables
 from tensegrity_core import cli
 from tensegrity_core.scene import scene_schema
 from tests.support import scene

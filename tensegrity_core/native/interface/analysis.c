@@ -1,7 +1,7 @@
 /* For tests and analysis: derivatives, Jacobian, force laws. */
 #include "interface/applied.h"
 #include "interface/checks.h"
-#include "interface/message.h"
+#include "interface/ready.h"
 #include "interface/watched.h"
 #include "laws/curve.h"
 #include "linear/pairs.h"
@@ -10,6 +10,7 @@
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "motion/pieces.h"
+#include "steps/integrate.h"
 #include "tensegrity.h"
 
 #include <math.h>
@@ -30,7 +31,11 @@ int ts_output_derivatives(ts_sim *sim, double *out)
 
 void ts_locate(ts_sim *sim, int on) { sim->call.unlocated = !on; }
 int32_t ts_state_length(const ts_sim *sim) { return sim->m.ny; }
-void ts_get_state(const ts_sim *sim, double *y) { memcpy(y, sim->state.y, sizeof(double) * (size_t)sim->m.ny); }
+void ts_get_state(const ts_sim *sim, double *y)
+{
+    ts_bring_state((ts_sim *)sim);
+    memcpy(y, sim->state.y, sizeof(double) * (size_t)sim->m.ny);
+}
 
 /* Analysis takes inputs and parameters as they stand. */
 static void take_values(ts_sim *sim)

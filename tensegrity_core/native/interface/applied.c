@@ -50,6 +50,13 @@ void ts_swap_back(ts_sim *sim)
     memcpy(sim->io.slopes, sim->undo.reals + reals, sizeof(double) * slopes);
 }
 
+/* The present ones again, the outputs as they are. */
+void ts_swap_inputs_back(ts_sim *sim)
+{
+    memcpy(sim->io.values, sim->undo.reals, sizeof(double) * (size_t)sim->m.n_applied);
+    memcpy(sim->io.slopes, sim->undo.reals + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
+}
+
 /* What a step derives from inputs and parameters. */
 void ts_derive(ts_sim *sim)
 {

@@ -10,6 +10,7 @@ void ts_set_pieces(ts_sim *sim);
 void ts_derive(ts_sim *sim);
 void ts_swap_applied(ts_sim *sim);
 void ts_swap_back(ts_sim *sim);
+void ts_swap_inputs_back(ts_sim *sim);
 void ts_keep_curves(ts_sim *sim);
 
 #endif

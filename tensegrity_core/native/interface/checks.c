@@ -123,9 +123,19 @@ int ts_check_change(ts_sim *sim, double h)
 }
 
 /* Velocities may be finite whose energy is not. */
-int ts_check_outputs(ts_sim *sim, const char *when)
+int ts_check_outputs(ts_sim *sim, int groups, const char *when)
 {
-    if (ts_all_finite(sim->io.values + sim->m.n_applied, sim->m.n_real - sim->m.n_applied)) return TS_OK;
+    const ts_model *m = &sim->m;
+    const double *values = sim->io.values;
+    const int forces = m->at[TS_STRING_FORCE], energies = m->at[TS_KINETIC], work = m->at[TS_DISSIPATED];
+    if (groups == TS_OF_ALL) {
+        if (ts_all_finite(values + m->n_applied, m->n_real - m->n_applied)) return TS_OK;
+    } else if ((!(groups & TS_OF_MOTION) || ts_all_finite(values + m->n_applied, forces - m->n_applied)) &&
+               (!(groups & TS_OF_FORCES) || ts_all_finite(values + forces, energies - forces)) &&
+               (!(groups & TS_OF_ENERGIES) || ts_all_finite(values + energies, work - energies)) &&
+               (!(groups & TS_OF_WORK) || ts_all_finite(values + work, m->n_real - work))) {
+        return TS_OK;
+    }
     snprintf(sim->told.message, sizeof sim->told.message,
              "a force, a velocity or an energy %s is not a finite number; lower the loads", when);
     return TS_NOT_FINITE;

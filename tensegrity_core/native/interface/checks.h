@@ -6,6 +6,6 @@
 
 int ts_check_change(ts_sim *sim, double h);
 int ts_check_rates(ts_sim *sim, const double *out);
-int ts_check_outputs(ts_sim *sim, const char *when);
+int ts_check_outputs(ts_sim *sim, int groups, const char *when);
 
 #endif

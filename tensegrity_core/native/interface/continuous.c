@@ -8,12 +8,14 @@
 #include "interface/applied.h"
 #include "interface/checks.h"
 #include "interface/message.h"
+#include "interface/ready.h"
 #include "model/data.h"
 #include "motion/drives.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "motion/pieces.h"
 #include "steps/events.h"
+#include "steps/integrate.h"
 #include "tensegrity.h"
 
 #include <math.h>
@@ -100,6 +102,7 @@ void ts_continuous_nominals(const ts_sim *sim, double *x)
 int ts_continuous_states(const ts_sim *sim, double *x)
 {
     if (!sim->memory.started) return TS_BAD_STEP;
+    ts_bring_state((ts_sim *)sim);
     ts_pick_states(&sim->m, sim->state.y, x);
     return TS_OK;
 }
@@ -107,6 +110,7 @@ int ts_continuous_states(const ts_sim *sim, double *x)
 int ts_set_continuous_states(ts_sim *sim, const double *x)
 {
     if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    ts_fill(sim, TS_OF_ALL); /* what the last step left out belongs to its end */
     if (!ts_all_finite(x, ts_continuous_count(sim))) return ts_say(sim, TS_BAD_INPUT, "a state is not a finite number");
     ts_put_states(&sim->m, x, sim->state.y);
     return TS_OK;
@@ -115,6 +119,7 @@ int ts_set_continuous_states(ts_sim *sim, const double *x)
 int ts_set_time(ts_sim *sim, double time)
 {
     if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    ts_fill(sim, TS_OF_ALL); /* what the last step left out belongs to its end */
     if (!isfinite(time)) return ts_say(sim, TS_BAD_STEP, "the time is not a finite number");
     sim->memory.time = time;
     sim->memory.time_low = sim->memory.last_step = 0.0;
@@ -190,8 +195,9 @@ int ts_continuous_outputs(ts_sim *sim)
 {
     int status = evaluate(sim);
     if (status != TS_OK) return status;
-    ts_outputs(sim, 0.0);
-    return ts_check_outputs(sim, "now");
+    ts_outputs(sim, 0.0, TS_OF_ALL);
+    sim->demand.stale = 0;
+    return ts_check_outputs(sim, TS_OF_ALL, "now");
 }
 
 int32_t ts_indicator_count(const ts_sim *sim) { return sim->m.count[TS_S] * (sim->m.damping_law == TS_TENSION_ONLY ? 3 : 2); }
@@ -247,6 +253,7 @@ int ts_completed_step(ts_sim *sim)
 int ts_enter_event(ts_sim *sim)
 {
     if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    ts_fill(sim, TS_OF_ALL); /* what the last step left out belongs to its end */
     memcpy(sim->io.applied, sim->io.values, sizeof(double) * (size_t)sim->m.n_applied);
     sim->told.count = 0;
     return TS_OK;

@@ -91,6 +91,11 @@ int ts_differentiable(const ts_sim *sim, int32_t known)
     const int32_t i = known - ts_continuous_count(sim), stiffness = m->at[TS_STIFFNESS];
     if (i < 0) return 1;
     if (i >= stiffness && i < m->at[TS_STIFFNESS + 1]) return !ts_has_memory(m, i - stiffness);
+    for (int s = 0; s < m->count[TS_S]; s++) /* beams in series without memory have rows, at the start */
+        for (int field = TS_NSH_Q; field <= TS_NSH_H; field++) {
+            const int32_t first = m->at[field] + m->string.beam_first[s];
+            if (i >= first && i < first + m->packed.beams[s]) return m->packed.beam_law[s] == 0;
+        }
     return has_rows(m, i);
 }
 
@@ -141,7 +146,7 @@ int ts_differentiate(ts_sim *sim, int start, void *work)
     int status = start ? look_at_start(sim) : ts_continuous_derivatives(sim, w->z);
     if (status != TS_OK) return status;
     ts_forces(sim, 0.0, sim->state.y, sim->linear.work);
-    ts_outputs(sim, 0.0);
+    ts_outputs(sim, 0.0, TS_OF_ALL);
     write_rows(&w->d, 1);
     if (!ts_all_finite(w->d.chain.weight, w->d.chain.terms))
         return ts_say(sim, TS_NOT_FINITE, "a derivative is not a finite number; lower the loads");

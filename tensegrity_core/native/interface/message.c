@@ -27,19 +27,6 @@ int ts_refuse(ts_sim *sim, int32_t index, const char *text)
     return TS_BAD_INPUT;
 }
 
-/* TS_OK unless the simulation's own watcher calls. */
-int ts_free_of_steps(ts_sim *sim)
-{
-    return sim->call.watching ? ts_say(sim, TS_BAD_STEP, "a step is under way, and its watcher may only look") : TS_OK;
-}
-
-/* TS_OK where there is a state to go on from. */
-int ts_ready(ts_sim *sim)
-{
-    if (!sim->memory.started) return ts_say(sim, TS_BAD_STEP, "initialize first");
-    return ts_free_of_steps(sim);
-}
-
 const char *ts_message(const ts_sim *sim) { return sim->told.message; }
 int32_t ts_concerned(const ts_sim *sim) { return sim->told.concerned; }
 const char *ts_status_name(int status) { return status >= 0 && status < TS_STATUS_COUNT ? status_names[status] : "?"; }

@@ -5,8 +5,6 @@
 #include "tensegrity.h"
 
 int ts_say(ts_sim *sim, int status, const char *text);
-int ts_ready(ts_sim *sim);
-int ts_free_of_steps(ts_sim *sim);
 int ts_refuse(ts_sim *sim, int32_t index, const char *text);
 
 #endif

@@ -2,6 +2,7 @@
 #include "interface/applied.h"
 #include "invariants.h"
 #include "interface/message.h"
+#include "interface/ready.h"
 #include "model/data.h"
 #include "model/packed.h"
 #include "motion/motion.h"
@@ -59,6 +60,8 @@ int ts_save(const ts_sim *sim, void *bytes, size_t size)
 {
     state_header header = {STATE_MAGIC, sim->m.packed.hash};
     if (ts_free_of_steps((ts_sim *)sim) != TS_OK) return TS_BAD_STEP;
+    int status = ts_fill((ts_sim *)sim, TS_OF_ALL);
+    if (status != TS_OK) return status;
     if (size != ts_state_size(sim)) return TS_BAD_STATE;
     memcpy(bytes, &header, sizeof header);
     size_t parts = copy_state((ts_sim *)sim, (char *)bytes + sizeof header, OUT), ahead = sizeof(double) * sim->ahead.size;
@@ -122,8 +125,10 @@ int ts_restore(ts_sim *sim, const void *bytes, size_t size)
     }
     if (size != ts_state_size(sim) || header.magic != STATE_MAGIC || header.model != sim->m.packed.hash ||
         hash != ts_fnv(bytes, size - sizeof hash))
-        return ts_say(sim, TS_BAD_STATE, "the saved state is damaged, of another version or of another model");
+        return ts_say(sim, TS_BAD_STATE, "the saved state is damaged, of another version or of another model; save one anew");
     copy_state(sim, (char *)bytes + sizeof header, IN);
+    sim->demand.stale = sim->demand.motion_ahead = sim->demand.ledger_ahead = sim->demand.moderate = 0;
+    sim->demand.evaluation = -1;
     sim->told.count = 0;
     int possible = sim->memory.started || sim->memory.span.h == 0.0;
     if (possible && !sim->memory.started) return TS_OK;

@@ -2,7 +2,9 @@
 #include "interface/applied.h"
 #include "invariants.h"
 #include "interface/checks.h"
+#include "interface/demand.h"
 #include "interface/message.h"
+#include "interface/ready.h"
 #include "laws/curves.h"
 #include "model/data.h"
 #include "model/packed.h"
@@ -31,6 +33,7 @@ ts_sim *ts_create(const void *model, size_t size, char *message, size_t capacity
         free(sim);
         return NULL;
     }
+    ts_group_outputs(sim);
     const char *reason = ts_dampers_build(&sim->laws, &sim->m);
     if (reason || ts_reset(sim) != TS_OK) {
         snprintf(message, capacity, "%s", reason ? reason : sim->told.message);
@@ -52,6 +55,7 @@ int ts_reset(ts_sim *sim)
     memset(sim->io.slopes, 0, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
     sim->io.integers[m->int_at[TS_INT_METHOD]] = m->packed.method;
     sim->told.count = 0;
+    sim->demand.stale = sim->demand.motion_ahead = sim->demand.ledger_ahead = 0;
     int status =
         ts_check(sim, &index) == TS_OK ? ts_build_curves(sim) : TS_OK; /* else ts_initialize() will say what is wrong */
     return status == TS_OK ? ts_say(sim, TS_OK, "") : status;
@@ -128,6 +132,7 @@ int ts_initialize(ts_sim *sim, double time)
     ts_start_choice(&sim->memory);
     sim->memory.method = method;
     sim->memory.started = 1;
+    sim->demand.stale = sim->demand.motion_ahead = sim->demand.ledger_ahead = 0;
     ts_set_reach(sim);
     sim->told.count = 0;
     memcpy(sim->state.y, m->y_start, sizeof(double) * (size_t)m->ny);
@@ -143,10 +148,11 @@ int ts_initialize(ts_sim *sim, double time)
     ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
     for (int i = sim->m.n_applied; i < m->n_real; i++)
         sim->io.values[i] = NAN; /* an output that nothing fills is found below */
-    ts_outputs(sim, 0.0);
-    status = ts_check_outputs(sim, "at the start");
+    ts_outputs(sim, 0.0, TS_OF_ALL);
+    status = ts_check_outputs(sim, TS_OF_ALL, "at the start");
     if (!ts_all_finite(sim->start.f, 2 * m->nq))
-        status = ts_say(sim, TS_NOT_FINITE, "the accelerations at the start are not finite numbers");
+        status = ts_say(sim, TS_NOT_FINITE,
+                        "the accelerations at the start are not finite numbers; give smaller inputs, or the bars more mass");
     if (status != TS_OK) sim->memory.started = 0;
     return status;
 }
@@ -162,10 +168,11 @@ static void backup(ts_sim *sim, ts_memory *memory)
     if (memory->span.h > 0.0) memcpy(sim->ahead.backup, sim->ahead.all, sizeof(double) * sim->ahead.size);
 }
 
-static void undo(ts_sim *sim, const ts_memory *memory)
+static void undo(ts_sim *sim, const ts_memory *memory, const ts_demand *demand)
 {
     size_t S = (size_t)sim->m.count[TS_S];
     sim->memory = *memory;
+    sim->demand = *demand;
     sim->told.count = 0;
     memcpy(sim->state.y, sim->undo.reals, sizeof(double) * (size_t)sim->m.ny);
     memcpy(sim->state.piece, sim->undo.integers, sizeof(int32_t) * S);
@@ -201,6 +208,7 @@ static void take_inputs(ts_sim *sim)
         moved = ts_kinetic_energy(sim) - sim->io.values[m->at[TS_KINETIC]];
     }
     double lost = ts_place_all(sim);
+    sim->demand.evaluation = -1; /* the last one was under other inputs */
     sim->state.y[2 * m->nq] += lost;
     sim->state.y[2 * m->nq + 1] += ts_stored_energy(sim, 0.0) - before + moved + lost;
     sim->state.y[2 * m->nq + 2] += lost;
@@ -214,64 +222,69 @@ static void add_time(ts_memory *memory, double h)
     memory->time = sum;
 }
 
-/* The end of a call: time and outputs. */
-static int settle(ts_sim *sim, double h, int sloped)
+/* The end of a call: its time. */
+static void settle(ts_memory *memory, double h, int sloped)
 {
-    const double before = sim->memory.time;
-    add_time(&sim->memory, h);
-    TS_ASSERT(sim->memory.time >= before && ts_choice_is_possible(&sim->memory));
-    sim->memory.last_step = h;
-    sim->memory.sloped = sloped;
-    if (!ts_is_evaluated(sim, h)) ts_rhs(sim, h, sim->state.y, sim->start.f);
-    ts_outputs(sim, h);
-    return ts_check_outputs(sim, "at the end of the step");
+    const double before = memory->time;
+    add_time(memory, h);
+    TS_ASSERT(memory->time >= before && ts_choice_is_possible(memory));
+    memory->last_step = h;
+    memory->sloped = sloped;
 }
 
 /* The outputs at the end of the last step once more, from the state there. */
 static void recall_outputs(ts_sim *sim)
 {
-    ts_memory memory = sim->memory;
-    ts_swap_applied(sim);
-    ts_derive(sim);
-    ts_rhs(sim, memory.last_step, sim->state.y, sim->start.f);
-    ts_outputs(sim, memory.last_step);
-    memcpy(sim->io.values, sim->undo.reals, sizeof(double) * (size_t)sim->m.n_applied);
-    memcpy(sim->io.slopes, sim->undo.reals + sim->m.n_real, 2 * sizeof(double) * (size_t)sim->m.n_inputs);
-    sim->memory = memory; /* work is counted once */
+    sim->demand.stale = TS_OF_ALL;
+    ts_fill(sim, TS_OF_ALL);
 }
 
 /* A whole call within the step that the last one left open.  Only the state at its end and the time change. */
 static int step_within(ts_sim *sim, double h)
 {
     const ts_memory memory = sim->memory;
+    const ts_demand demand = sim->demand;
     sim->told.count = 0;
-    sim->call.evaluated = -1.0;
-    sim->ahead.ready = 1; /* since the step was opened */
     ts_serve_span(sim, h);
+    if (sim->m.count[TS_A]) ts_bring_motion(sim);
     int status = wound_up(sim), told = status == TS_OK;
-    if (told) status = settle(sim, h, 0);
+    if (told) {
+        settle(&sim->memory, h, 0);
+        status = ts_fill_within_step(sim);
+    }
     if (status == TS_OK) return TS_OK;
     sim->memory = memory;
-    ts_recall(sim);
-    sim->memory = memory;
+    sim->demand = demand;
+    sim->demand.motion_ahead = sim->demand.ledger_ahead = 1;
     if (told) recall_outputs(sim);
     return status;
+}
+
+/* Of the state at the communication point: coordinates, since the strings' guards follow from them; where inputs jump the ledger,
+ * too, and the energies. */
+static int bring(ts_sim *sim, int inputs_jump)
+{
+    ts_bring_motion(sim);
+    if (!inputs_jump) return TS_OK;
+    ts_bring_state(sim);
+    return ts_fill(sim, TS_OF_ENERGIES);
 }
 
 int ts_step(ts_sim *sim, double h)
 {
     size_t bytes = sizeof(double) * (size_t)sim->m.n_applied;
     ts_memory memory;
-    int status = TS_OK;
-    if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    if (ts_started(sim) != TS_OK) return TS_BAD_STEP;
     if (!(h > 0.0) || !isfinite(h)) return ts_say(sim, TS_BAD_STEP, "the step must be positive and finite");
     int sloped = ts_sloped(&sim->m, &sim->io);
     int changed = sloped || sim->memory.sloped || memcmp(sim->io.values, sim->io.applied, bytes) || inputs_move(sim) ||
                   sim->io.integers[sim->m.int_at[TS_INT_METHOD]] != sim->memory.method;
     if (!changed && ts_span_serves(&sim->memory.span, h)) return step_within(sim, h);
+    int status = bring(sim, changed);
+    if (status != TS_OK) return status;
+    const ts_demand demand = sim->demand;
     backup(sim, &memory);
     sim->call.reached = 0.0;
-    sim->call.evaluated = -1.0;
     sim->call.looked = sim->call.answer = TS_GO_ON;
     ts_prepare(sim);
     if (changed) status = ts_check_change(sim, h);
@@ -283,11 +296,15 @@ int ts_step(ts_sim *sim, double h)
     }
     if (sim->call.answer == TS_END_HERE) h = sim->call.reached;
     if (sim->call.answer == TS_GIVE_UP) status = ts_say(sim, TS_BAD_STEP, "the step's watcher gave it up");
+    if (status == TS_OK && sim->m.count[TS_A]) ts_bring_motion(sim);
     if (status == TS_OK) status = wound_up(sim);
     int told = status == TS_OK;
-    if (told) status = settle(sim, h, sloped);
+    if (told) {
+        settle(&sim->memory, h, sloped);
+        status = ts_fill_after_step(sim, changed);
+    }
     if (status != TS_OK) {
-        undo(sim, &memory);
+        undo(sim, &memory, &demand);
         if (told || sim->call.looked) recall_outputs(sim);
         return status;
     }
@@ -295,11 +312,11 @@ int ts_step(ts_sim *sim, double h)
     return TS_OK;
 }
 
-/* Where inputs that move on stand at the end of the last step, unless they or their rates have been set since. */
-static void carry_inputs(ts_sim *sim)
+void ts_carry_inputs(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     double *v = sim->io.values, h = sim->memory.last_step;
+    if (!sim->memory.started || ts_sloped(m, &sim->io)) return;
     const double *was = sim->io.applied;
     const int length = m->at[TS_REST_LENGTH], rate = m->at[TS_REST_LENGTH_RATE], place = m->at[TS_NODE_POSITION];
     const int velocity = m->at[TS_NODE_VELOCITY], acceleration = m->at[TS_NODE_ACCELERATION];
@@ -316,19 +333,21 @@ static void carry_inputs(ts_sim *sim)
 static int take_now(ts_sim *sim)
 {
     ts_memory memory;
+    const ts_demand demand = sim->demand;
     backup(sim, &memory);
     ts_prepare(sim);
     int status = ts_check_change(sim, 0.0), told = status == TS_OK;
     sim->told.count = 0;
     if (told) {
         take_inputs(sim);
-        status = settle(sim, 0.0, 1); /* so the next step takes its inputs as new ones, too */
+        settle(&sim->memory, 0.0, 1); /* so the next step takes its inputs as new ones, too */
+        status = ts_fill_after_step(sim, 1);
     }
     if (status == TS_OK) {
         apply(&sim->m, &sim->io);
         return TS_OK;
     }
-    undo(sim, &memory);
+    undo(sim, &memory, &demand);
     if (told) recall_outputs(sim);
     return status;
 }
@@ -343,9 +362,11 @@ int ts_take_inputs(ts_sim *sim)
         sim->told.count = 0;
         return TS_OK;
     }
+    int status = bring(sim, 1);
+    if (status != TS_OK) return status;
     memcpy(held, sim->io.values, bytes);
-    if (!ts_sloped(m, &sim->io)) carry_inputs(sim);
-    int status = take_now(sim);
+    ts_carry_inputs(sim);
+    status = take_now(sim);
     if (status != TS_OK) memcpy(sim->io.values, held, bytes);
     return status;
 }

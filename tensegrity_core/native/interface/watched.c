@@ -2,6 +2,7 @@
 #include "interface/watched.h"
 #include "interface/checks.h"
 #include "interface/message.h"
+#include "interface/ready.h"
 #include "model/data.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
@@ -69,11 +70,10 @@ int ts_look(ts_sim *sim)
     if (!sim->call.watching) return ts_say(sim, TS_BAD_STEP, "only the watcher of a step may look");
     const int64_t evaluations = sim->memory.stats[TS_RHS];
     ts_rhs(sim, sim->call.reached, sim->state.y, sim->start.f);
-    ts_outputs(sim, sim->call.reached);
+    ts_outputs(sim, sim->call.reached, TS_OF_ALL);
     sim->memory.stats[TS_RHS] = evaluations;
-    sim->call.evaluated = -1.0;
     sim->call.looked = 1;
-    return ts_check_outputs(sim, "within the step");
+    return ts_check_outputs(sim, TS_OF_ALL, "within the step");
 }
 
 /* Derivatives of the outputs there, which stay as they are. */
@@ -85,6 +85,5 @@ int ts_look_derivatives(ts_sim *sim, double *out)
     ts_tangent_outputs(sim, sim->call.reached, out);
     memcpy(sim->io.values + first, sim->undo.watched + first, size);
     sim->memory.stats[TS_RHS] = evaluations;
-    sim->call.evaluated = -1.0;
     return ts_check_rates(sim, out);
 }

@@ -146,6 +146,7 @@ typedef struct {
     double *lowest, *highest;         /* (lanes) extremes of the elongation since the attempt began, m */
     int32_t *sign_changed;            /* (S) tension_only: a stage saw the tension with the other sign */
     double *margin_low, *margin_high; /* (S) tension_only: extremes of the tension at the stages, minus it where clipped, N */
+    int64_t evaluations;              /* how often all this has been written, node forces also by outputs */
 } ts_strings;
 
 /* Where the present step starts: steps/integrate.c. */
@@ -189,8 +190,7 @@ typedef struct {
     double most;           /* s, largest step that the parameters allow */
     double length;         /* s */
     double h_before;       /* s, step that the controller proposed when it began */
-    double evaluated;      /* s, where a step ended whose end was the last place to be evaluated; -1: none was */
-    int64_t evaluations;   /* how many right-hand sides there were then */
+    int64_t evaluation;    /* strings.evaluations at the end of the open step */
     int64_t looks;         /* at one string on the dense output, since ts_create() */
     int32_t may_run_ahead; /* inputs stay */
     int32_t force_jumps;   /* the last transition made a force jump */
@@ -228,6 +228,19 @@ typedef struct {
     size_t bytes;     /* of all three */
 } ts_owned;
 
+/* Outputs on demand: interface/demand.c.  What `wanted` leaves out is computed when somebody asks, and so is the state at a
+ * communication point within an open step. */
+typedef struct {
+    uint8_t *group;       /* (n_real + n_int) the group of each number of the blocks, see ts_want(); 0: no output on demand */
+    int32_t left_out;     /* groups that ts_step() does not fill */
+    int32_t stale;        /* groups that are older than the last communication point */
+    int32_t motion_ahead; /* coordinates and rates there are still to be taken from the open step */
+    int32_t ledger_ahead; /* the ledger, too */
+    int32_t moderate;     /* no number of the open step is so large that an output could overflow */
+    int64_t evaluation;   /* where ts_strings, start.f still are those of the state: what strings.evaluations was then */
+    double evaluated_at;  /* s after the last communication point */
+} ts_demand;
+
 struct ts_sim {
     ts_model m;
     ts_laws laws;
@@ -247,6 +260,7 @@ struct ts_sim {
     ts_call call;
     ts_told told;
     ts_undo undo;
+    ts_demand demand;
     ts_owned owned;
 };
 

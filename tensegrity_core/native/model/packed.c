@@ -99,7 +99,7 @@ static void take_state(ts_sim *sim, arena *a)
     TAKE(sim->state.y, m->stride), TAKE(sim->state.piece, S), TAKE(sim->state.clipped, S);
     TAKE(sim->told.transitions, TS_MAX_TRANSITIONS);
     TAKE(sim->undo.reals, m->n_real + m->n_applied + 2 * m->n_inputs + m->ny), TAKE(sim->undo.integers, m->n_int + 2 * S);
-    TAKE(sim->undo.watched, m->n_real + 2 * m->n_inputs);
+    TAKE(sim->undo.watched, m->n_real + 2 * m->n_inputs), TAKE(sim->demand.group, m->n_real + m->n_int);
 }
 
 /* What a step prepares, and what a right-hand side finds. */

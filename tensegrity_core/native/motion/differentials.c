@@ -4,6 +4,7 @@
  * ts_forces() into linear.work and ts_outputs() have just looked.  A row has a term for each number that it
  * comes from, whether or not its weight is zero now: which there are depends on the model alone. */
 #include "motion/differentials.h"
+#include "laws/beams.h"
 #include "laws/curve.h"
 #include "laws/curves.h"
 #include "linear/chain.h"
@@ -258,6 +259,46 @@ static bearing bearing_of(const ts_differentials *o, int i)
     return found;
 }
 
+/* By the parameters of a string's beams, of which its force curve is compiled. */
+static void bear_beams(ts_differentials *o, int i)
+{
+    const ts_sim *sim = o->sim;
+    const ts_model *m = &sim->m;
+    const int first = m->string.beam_first[i], n = m->packed.beams[i], fields[3] = {TS_NSH_Q, TS_NSH_ZETA, TS_NSH_H};
+    const double *values = sim->io.values;
+    double force[3] = {0.0, 0.0, 0.0}, energy[3] = {0.0, 0.0, 0.0};
+    const int taut = o->chain.next && sim->on.taut[i];
+    const ts_piece *p = taut ? sim->laws.curve[i].piece + sim->state.piece[i] : NULL;
+    const double e = sim->strings.elongation[i];
+    ts_beams beams = {values + m->at[TS_NSH_Q] + first,
+                      values + m->at[TS_NSH_ZETA] + first,
+                      values + m->at[TS_NSH_H] + first,
+                      n,
+                      taut ? p->snapped : 0,
+                      0.0,
+                      value(o, TS_STIFFNESS, i),
+                      taut && p->kind == TS_STRAIGHT ? e - p->lo : -1.0,
+                      -1,
+                      0.0,
+                      0.0,
+                      0.0,
+                      0.0};
+    if (taut) {
+        beams.tension = ts_curve_force(sim->laws.curve + i, sim->state.piece[i], e, beams.stiffness, force);
+        force[0] = 0.0;
+        ts_beams_prepare(&beams, e);
+    }
+    for (int j = 0; j < n; j++) {
+        if (taut) ts_beams_differentiate(&beams, j, force, energy);
+        for (int k = 0; k < 3; k++) {
+            chain_row(&o->chain, o->at.elastic + i);
+            chain_add(&o->chain, value_at(o, fields[k], first + j), force[k]);
+            chain_row(&o->chain, o->at.outputs - m->n_applied + m->at[TS_ELASTIC]);
+            chain_add(&o->chain, value_at(o, fields[k], first + j), energy[k]);
+        }
+    }
+}
+
 static void bear(ts_differentials *o, int i, const bearing *b)
 {
     const ts_sim *sim = o->sim;
@@ -269,6 +310,7 @@ static void bear(ts_differentials *o, int i, const bearing *b)
     chain_row(c, o->at.elastic + i);
     chain_add(c, o->at.elongation + i, b->slope);
     chain_add(c, value_at(o, TS_STIFFNESS, i), b->by_stiffness);
+    if (o->start && m->packed.beams[i] && m->packed.beam_law[i] == 0) bear_beams(o, i);
     chain_row(c, o->at.tension + i);
     chain_add(c, o->at.elastic + i, b->acts);
     chain_add(c, o->at.rate + i, b->acts ? b->damping : 0.0);
@@ -310,7 +352,7 @@ static void spend(ts_differentials *o, int i, const bearing *b)
     chain_add(c, value_at(o, TS_REST_LENGTH_RATE, i), given ? -(sim->strings.fs[i] + sim->strings.fd[i]) : 0.0);
 }
 
-/* `tension_only`: to the ends of the piece, and to being clipped or released. */
+/* To the ends of the piece, which stay where they are, and under `tension_only` to being clipped or released. */
 static void watch(ts_differentials *o, int i, const bearing *b)
 {
     const ts_sim *sim = o->sim;

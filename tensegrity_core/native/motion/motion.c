@@ -271,6 +271,7 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
 {
     const ts_model *m = &sim->m;
     ts_rest *rest = &sim->rest;
+    sim->strings.evaluations++;
     if (driven) ts_move_bases(m, tau, &sim->bases, sim->strings.x);
     spread(m, q, v, sim->strings.x, driven, D);
     if (rest->bends || (driven && m->count[TS_A])) {
@@ -422,6 +423,19 @@ void ts_rhs(ts_sim *sim, double tau, const double *y, double *dy)
     DISPATCH(&sim->m, rhs, sim, tau, y, dy, 0);
 }
 
+ALWAYS_INLINE void places(ts_sim *sim, double tau, const double *y, const int driven, const int D)
+{
+    if (driven) ts_move_bases(&sim->m, tau, &sim->bases, sim->strings.x);
+    spread(&sim->m, y, y + sim->m.nq, sim->strings.x, driven, D);
+}
+
+/* Of a right-hand side only where the nodes are and how fast. */
+void ts_move_nodes(ts_sim *sim, double tau, const double *y)
+{
+    if (sim->m.drive.any) DISPATCH(&sim->m, places, sim, tau, y, 1);
+    else DISPATCH(&sim->m, places, sim, tau, y, 0);
+}
+
 ALWAYS_INLINE void powers(ts_sim *sim, double tau, const double *y, double *p, const int D)
 {
     strings(sim, tau, y, y + sim->m.nq, 0, D);
@@ -526,6 +540,17 @@ int ts_all_finite(const double *x, int n)
         for (int l = 0; l < 8; l++) sum[l] += 0.0 * x[i + l];
     for (; i < n; i++) sum[0] += 0.0 * x[i];
     return ((sum[0] + sum[1]) + (sum[2] + sum[3])) + ((sum[4] + sum[5]) + (sum[6] + sum[7])) == 0.0;
+}
+
+/* Sum of the numbers' sizes. */
+double ts_size(const double *x, int n)
+{
+    double sum[4] = {0.0, 0.0, 0.0, 0.0};
+    int i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int l = 0; l < 4; l++) sum[l] += fabs(x[i + l]);
+    for (; i < n; i++) sum[0] += fabs(x[i]);
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
 /* Largest error of a block's position or velocity vector, in units of tolerance * (1 + |vector|), for two estimates at

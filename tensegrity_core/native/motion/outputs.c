@@ -161,6 +161,7 @@ ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
     const axes falls = of_gravity(m);
     const double *mass = sim->io.values + m->at[TS_BAR_MASS];
     const double *slopes = sim->io.slopes, *bends = slopes + sim->m.n_inputs;
+    sim->strings.evaluations++;
     for (int n = 0; n < m->count[TS_N]; n++) {
         int f = m->node.free_index[n];
         if (f < 0) continue;
@@ -225,28 +226,40 @@ static void drives(ts_sim *sim)
 
 ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
 {
-    nodes(&sim->m, sim->strings.x, sim->io.values, D);
     loads(sim, tau, D);
     reactions(&sim->m, sim->strings.node_force, sim->io.values, D);
     bars(sim, D);
-    sim->io.values[sim->m.at[TS_KINETIC]] = kinetic(sim, D);
 }
 
-/* Fill all outputs from what ts_rhs() has just found at the present state; f0 is the derivative there. */
-void ts_outputs(ts_sim *sim, double tau)
+ALWAYS_INLINE void motions(ts_sim *sim, const int D) { nodes(&sim->m, sim->strings.x, sim->io.values, D); }
+
+static void energies(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     double *out = sim->io.values;
-    strings(sim, tau);
-    DISPATCH(&sim->m, mechanics, sim, tau);
-    drives(sim);
+    out[m->at[TS_KINETIC]] = ts_kinetic_energy(sim);
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;
     for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->strings.elongation[i]);
-    out[m->at[TS_DISSIPATED]] = sim->state.y[2 * m->nq];
-    out[m->at[TS_INPUT_WORK]] = sim->state.y[2 * m->nq + 1];
-    out[m->at[TS_THROUGHPUT]] = sim->state.y[2 * m->nq + 2];
-    for (int i = 0, n = 0; i < m->count[TS_S]; i++)
+}
+
+/* Fill outputs of these groups, see ts_want(), from what ts_rhs() has just found at the present state; start.f is the derivative
+ * there.  Motion and work need ts_move_nodes() only; forces need the motion's outputs. */
+void ts_outputs(ts_sim *sim, double tau, int groups)
+{
+    const ts_model *m = &sim->m;
+    double *out = sim->io.values;
+    if (groups & TS_OF_MOTION) {
+        DISPATCH(m, motions, sim);
+        drives(sim);
+    }
+    if (groups & TS_OF_FORCES) {
+        strings(sim, tau);
+        DISPATCH(m, mechanics, sim, tau);
+    }
+    if (groups & TS_OF_ENERGIES) energies(sim);
+    if (groups & TS_OF_WORK) memcpy(out + m->at[TS_DISSIPATED], sim->state.y + 2 * m->nq, TS_LEDGER * sizeof *out);
+    for (int i = 0, n = 0; i < m->count[TS_S] && groups & TS_OF_MOTION; i++)
         if (m->packed.beams[i])
             sim->io.integers[m->int_at[TS_INT_SNAPPED] + n++] = sim->laws.curve[i].piece[sim->state.piece[i]].snapped;
 }
@@ -274,7 +287,7 @@ static void outputs_beside(ts_sim *sim, double tau, const double *y, const doubl
 {
     for (int i = 0; i < sim->m.ny; i++) sim->state.y[i] = y[i] + shift * f[i];
     ts_rhs(sim, tau + shift, sim->state.y, sim->start.f);
-    ts_outputs(sim, tau + shift);
+    ts_outputs(sim, tau + shift, TS_OF_ALL);
 }
 
 /* What the ledger gets from differences instead of integrals (integrate.c) is not in f: the power of external forces that stay, and

@@ -4,7 +4,7 @@
 
 #include "tensegrity.h"
 
-void ts_outputs(ts_sim *sim, double tau);
+void ts_outputs(ts_sim *sim, double tau, int groups);
 void ts_tangent_outputs(ts_sim *sim, double tau, double *out);
 double ts_stored_energy(const ts_sim *sim, double tau);
 double ts_kinetic_energy(const ts_sim *sim);

@@ -94,30 +94,49 @@ static void settle_ledger(ts_sim *sim, const ts_span *span, double theta)
     ledger[2] += fabs(clipped);
 }
 
-/* Put the state at theta of the open step. */
-static void state_at(ts_sim *sim, const ts_span *span, double theta)
+/* Put coordinates and rates at theta of the open step. */
+static void motion_at(ts_sim *sim, const ts_span *span, double theta)
 {
     const ts_method *method = methods[span->method];
-    int n = 2 * sim->m.nq, in_stages = method->flags & TS_LEDGER_IN_STAGES;
+    int n = 2 * sim->m.nq;
     TS_ASSERT(theta >= 0.0 && theta <= 1.0 + 1e-9);
     make_dense(sim, method, span->start, span->h);
-    method->interpolate(&sim->ahead, theta, 0, in_stages ? sim->m.ny : n, sim->attempt.y);
-    if (!in_stages) integrate_ledger(sim, method, span, theta, sim->attempt.y + n);
-    memcpy(sim->state.y, sim->attempt.y, sizeof(double) * (size_t)sim->m.ny);
+    method->interpolate(&sim->ahead, theta, 0, n, sim->state.y);
     ts_project(&sim->m, sim->state.y);
+}
+
+/* The ledger there, after the motion. */
+static void ledger_at(ts_sim *sim, const ts_span *span, double theta)
+{
+    const ts_method *method = methods[span->method];
+    int n = 2 * sim->m.nq;
+    if (method->flags & TS_LEDGER_IN_STAGES) method->interpolate(&sim->ahead, theta, n, TS_LEDGER, sim->state.y + n);
+    else integrate_ledger(sim, method, span, theta, sim->state.y + n);
     settle_ledger(sim, span, theta);
+}
+
+static void state_at(ts_sim *sim, const ts_span *span, double theta)
+{
+    motion_at(sim, span, theta);
+    ledger_at(sim, span, theta);
 }
 
 static void to_the_end(ts_sim *sim, const ts_span *span)
 {
     const ts_method *method = methods[span->method];
     if (!(method->flags & TS_LEDGER_IN_STAGES)) {
-        sim->call.evaluated = -1.0;
         make_dense(sim, method, span->start, span->h);
         integrate_ledger(sim, method, span, 1.0, sim->ahead.y + 2 * sim->m.nq);
     }
     memcpy(sim->state.y, sim->ahead.y, sizeof(double) * (size_t)sim->m.ny);
     settle_ledger(sim, span, 1.0);
+}
+
+/* What the last evaluation but those that came after `evaluation` found is that of the state, at tau. */
+static void know(ts_sim *sim, int64_t evaluation, double tau)
+{
+    sim->demand.evaluation = evaluation;
+    sim->demand.evaluated_at = tau;
 }
 
 /* Derivative at (tau, y) under the present pieces. */
@@ -127,6 +146,7 @@ static void restart(ts_sim *sim, double tau)
     ts_rhs(sim, tau, sim->state.y, sim->start.f);
     memcpy(sim->start.elongation, sim->strings.elongation, bytes);
     memcpy(sim->start.rate, sim->strings.rate, bytes);
+    know(sim, sim->strings.evaluations, tau);
     sim->linear.ready = 0;
     sim->memory.joined = 0.0;
 }
@@ -141,8 +161,7 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
         ts_project(&sim->m, sim->ahead.y);
         ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
     }
-    sim->call.evaluated = tau + h;
-    sim->call.evaluations = sim->memory.stats[TS_RHS];
+    sim->call.evaluation = sim->strings.evaluations;
     if (method->accepted) method->accepted(sim, h);
     memcpy(sim->ahead.elongation, sim->strings.elongation, bytes);
     memcpy(sim->ahead.rate, sim->strings.rate, bytes);
@@ -179,6 +198,7 @@ static int close_span(ts_sim *sim, double tau)
     size_t bytes = sizeof(double) * (size_t)sim->m.count[TS_S];
     ts_span span = sim->memory.span;
     sim->memory.span.h = 0.0;
+    sim->demand.motion_ahead = sim->demand.ledger_ahead = 0;
     sim->linear.ready = 0;
     if (span.which >= 0) {
         state_at(sim, &span, span.reach);
@@ -193,6 +213,7 @@ static int close_span(ts_sim *sim, double tau)
     memcpy(sim->start.f, sim->ahead.f, sizeof(double) * (size_t)sim->m.stride);
     memcpy(sim->start.elongation, sim->ahead.elongation, bytes);
     memcpy(sim->start.rate, sim->ahead.rate, bytes);
+    know(sim, sim->call.evaluation, span.start + span.h);
     ts_review_step(sim, span.h);
     return ENDED;
 }
@@ -202,12 +223,32 @@ static double span_end(const ts_span *span) { return span->start + span->reach *
 /* Does the step that the last call left open serve a whole call of length h? */
 int ts_span_serves(const ts_span *span, double h) { return span->h > 0.0 && span_end(span) > h * (1.0 + ROUND_OFF); }
 
-/* That call: the state comes from the dense output. */
+/* Go on by that call; the state comes from the dense output, see ts_bring_state(). */
 void ts_serve_span(ts_sim *sim, double h)
 {
+    sim->memory.span.start -= h;
+    sim->demand.motion_ahead = sim->demand.ledger_ahead = 1;
+}
+
+/* The motion at the communication point where it still is to be taken from the open step. */
+void ts_bring_motion(ts_sim *sim)
+{
     ts_span *span = &sim->memory.span;
-    state_at(sim, span, (h - span->start) / span->h);
-    span->start -= h;
+    if (!sim->demand.motion_ahead) return;
+    sim->demand.motion_ahead = 0;
+    sim->demand.evaluation = -1;
+    sim->ahead.ready = 1; /* since the step was opened */
+    motion_at(sim, span, -span->start / span->h);
+}
+
+/* The whole state. */
+void ts_bring_state(ts_sim *sim)
+{
+    ts_span *span = &sim->memory.span;
+    ts_bring_motion(sim);
+    if (!sim->demand.ledger_ahead) return;
+    sim->demand.ledger_ahead = 0;
+    ledger_at(sim, span, -span->start / span->h);
 }
 
 /* Go to the end of a step that the last call left open.  0: the state there is broken. */
@@ -388,6 +429,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         memory->rejected = 0;
         double reached = last && memory->span.which < 0 ? end : span_end(&memory->span);
         if (ts_span_serves(&memory->span, end)) {
+            make_dense(sim, method, tau, h); /* from the state at the step's start */
             ts_serve_span(sim, end);
             return TS_OK;
         }
@@ -411,15 +453,6 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     return TS_OK;
 }
 
-/* The state at the communication point once more, where the open step serves it. */
-void ts_recall(ts_sim *sim)
-{
-    ts_span *span = &sim->memory.span;
-    if (!(span->h > 0.0)) return;
-    sim->ahead.ready = 1;
-    state_at(sim, span, -span->start / span->h);
-}
-
 /* Of a saved state: numbers that no step will read become zero, so that equal states are equal bytes.  Without an open step that
  * is all about it; else rows and components that its method does not use, and padding. */
 void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead)
@@ -439,13 +472,6 @@ void ts_clear_scratch(const ts_sim *sim, ts_memory *memory, char *ahead)
         memset(ahead + one * (row * stride + kept), 0, one * (stride - kept));
     }
     for (size_t k = 0; k < 2; k++) memset(ahead + one * (10 * stride + k * lanes + S), 0, one * (lanes - S));
-}
-
-/* Were the strings evaluated last at the state that a call of length h ends with, as the methods leave it whose stages carry the
- * ledger?  Their forces and the derivative are at hand then. */
-int ts_is_evaluated(const ts_sim *sim, double h)
-{
-    return sim->call.evaluated == h && sim->call.evaluations == sim->memory.stats[TS_RHS];
 }
 
 /* Inputs change: the state at the communication point is the one to go on from. */

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,8 +30,11 @@ def result_of_file(path: Path, model: Model) -> Result:
         result = _from_npz(path, model) if path.suffix.lower() == ".npz" else _from_table(path, model)
         _require_bars(path, model, result)
         return result
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as failure:
-        raise InputError(f"result = {str(path)!r} cannot be read: {failure}; write it anew: tensegrity simulate") from None
+    except InputError:
+        raise
+    except Exception as failure:
+        reason = str(failure.strerror) if isinstance(failure, OSError) and failure.errno else "it is none, or a damaged one"
+        raise InputError(f"result = {str(path)!r} cannot be read: {reason}; write it anew: tensegrity simulate") from failure
 
 
 def _from_table(path: Path, model: Model) -> Result:

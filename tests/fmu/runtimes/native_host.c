@@ -19,6 +19,7 @@
  *   state WRITE|READ F   writes a serialised state to a file, or reads one (any bytes) and prints the status
  *   messages LOCALE      prints messages with numbers under a locale whose decimal point is a comma
  *   allocations          prints how often fmi2DoStep, fmi2SetReal and fmi2GetReal took memory (compiled with COUNTED)
+ *   stack METHOD         prints how many bytes of stack the life of an instance takes, with steps by this method and all messages
  *   two FILE FILE LIBRARY GUID RESOURCES INPUTS FIRST_OUTPUT REALS PUSHED   runs of two FMUs in turns, both loaded RTLD_GLOBAL
  *
  * Exit code 0, or 1 with the reason on stderr.  Compiled with LINKED, the functions are those it is linked with. */
@@ -825,6 +826,67 @@ static void allocations(const fmu *f)
     f->fmi2FreeInstance(c);
 }
 
+/* ---- Stack ---- */
+
+#define STACK (256 * 1024)
+#define UNTOUCHED 0xa5
+
+typedef struct {
+    const fmu *f;
+    fmi2Integer method; /* -1: there is no instance, only a thread */
+} life;
+
+static void silent(fmi2ComponentEnvironment e, fmi2String name, fmi2Status status, fmi2String category, fmi2String message, ...)
+{
+    (void)e, (void)name, (void)status, (void)category, (void)message;
+}
+
+/* Outputs are read one by one: the host takes little of the stack itself. */
+static void *live(void *given)
+{
+    static const fmi2CallbackFunctions hears_nothing = {silent, calloc, free, NULL, NULL};
+    const life *l = given;
+    const fmu *f = l->f;
+    const fmi2ValueReference method = f->reals;
+    double value;
+    if (l->method < 0) return NULL;
+    fmi2Component c = f->fmi2Instantiate("one", fmi2CoSimulation, f->guid, f->resources, &hears_nothing, fmi2False, fmi2True);
+    require(c && f->fmi2SetInteger(c, &method, 1, &l->method) == fmi2OK, "fmi2SetInteger");
+    start(f, c);
+    for (int k = 0; k < STEPS; k++) {
+        double force = k / 50 % 2 ? -PUSH : PUSH;
+        require(f->fmi2SetReal(c, &f->pushed, 1, &force) == fmi2OK, "fmi2SetReal");
+        require(f->fmi2DoStep(c, k * STEP, STEP, fmi2True) == fmi2OK, "fmi2DoStep");
+        for (fmi2ValueReference vr = f->first_output; vr < f->reals; vr++) f->fmi2GetReal(c, &vr, 1, &value);
+    }
+    f->fmi2Terminate(c);
+    f->fmi2FreeInstance(c);
+    return NULL;
+}
+
+static long touched(const fmu *f, fmi2Integer method)
+{
+    void *memory = NULL;
+    life l = {f, method};
+    pthread_attr_t attributes;
+    pthread_t thread;
+    require(!posix_memalign(&memory, 4096, STACK), "memory");
+    memset(memory, UNTOUCHED, STACK);
+    pthread_attr_init(&attributes);
+    require(!pthread_attr_setstack(&attributes, memory, STACK), "pthread_attr_setstack");
+    require(!pthread_create(&thread, &attributes, live, &l) && !pthread_join(thread, NULL), "a thread");
+    long at = 0;
+    while (at < STACK && ((const unsigned char *)memory)[at] == UNTOUCHED) at++;
+    free(memory);
+    return STACK - at;
+}
+
+static void stack_used(const fmu *f, fmi2Integer method)
+{
+    long thread = touched(f, -1);
+    printf("%ld\n", touched(f, method) - thread);
+}
+
 int main(int argc, char **argv)
 {
     if (argc < 9) give_up("native_host", "arguments are missing");
@@ -842,6 +904,7 @@ int main(int argc, char **argv)
     else if (!strcmp(command, "walk")) walk(f, strtoull(first, NULL, 10), atol(second));
     else if (!strcmp(command, "setters")) setters(f, atof(first), atol(second), argc > 11 ? atol(argv[11]) : 1);
     else if (!strcmp(command, "states")) states(f, strtoull(first, NULL, 10), atol(second));
+    else if (!strcmp(command, "stack")) stack_used(f, atoi(first));
     else if (!strcmp(command, "state")) state_file(f, first, second);
     else if (!strcmp(command, "messages")) messages(f, first);
     else if (!strcmp(command, "allocations")) allocations(f);

@@ -479,6 +479,26 @@ def test_steps_end_early_at_transitions(calls):
     np.testing.assert_allclose(found, whole, rtol=1e-6, atol=2e-7)
 
 
+def test_what_moves_goes_on_after_an_early_return(calls):
+    """A host that sets inputs at its own points in time only."""
+    plain, early = calls("stepping"), calls("stepping", early_return=True)
+    start, parts = plain.get("s4.rest_length")[0], 0
+    for one in (plain, early):
+        assert one.set({FORCE: [0.0, 0.0, 400.0], "s4.rest_length_rate": -0.4}) == OK
+    for k in range(4):
+        for one in (plain, early):
+            assert one.set({"s4.rest_length": start - 0.04 * k}) == OK
+            time = 0.1 * k
+            while time < 0.1 * (k + 1) - 1e-9:
+                assert one.step(time, 0.1 * (k + 1) - time) == OK
+                time = one.reached
+                parts += one.early
+                if one.early:
+                    assert one.get("s4.rest_length")[0] == pytest.approx(start - 0.4 * time, abs=1e-12)
+        np.testing.assert_allclose(early.outputs(), plain.outputs(), rtol=1e-6, atol=2e-7)
+    assert parts > 10
+
+
 def test_a_host_looks_into_steps_and_changes_nothing(calls):
     seen, one = [], None
 
@@ -496,6 +516,24 @@ def test_a_host_looks_into_steps_and_changes_nothing(calls):
     seen = np.array(seen)
     assert len(seen) > 5 and np.all(np.diff(seen[:, 0]) >= 0.0) and seen[0, 0] > 0.0 and seen[-1, 0] < 0.5
     np.testing.assert_allclose(seen[:, 4:7], seen[:, 7:10], rtol=1e-9, atol=1e-9)
+
+
+def test_every_output_can_be_read_within_a_step(calls, planar, folder):
+    """Counts, too; in an FMU that has no states and in one that has."""
+    for where in (planar, folder):
+        seen, one = [], None
+
+        def look(time, may_end):
+            seen.append(one.outputs())  # noqa: B023
+            return False
+
+        one = calls("stepping", where=where, look=look)
+        force = "n3.force" if where is planar else FORCE
+        assert one.set({force: [0.0] * (one.size(force) - 1) + [400.0]}) == OK and one.step(0.0, 0.1) == OK
+        rows = np.array([*seen, one.outputs()])
+        assert len(seen) > 5 and np.all(np.isfinite(rows))
+        snapped = rows[:, -len(one.names("output", "Int32")) :]
+        assert snapped.max() > 0 and np.all(snapped[-1] >= snapped[0])
 
 
 def test_a_host_ends_steps_where_it_likes(calls):
@@ -614,6 +652,20 @@ def test_states_rates_and_indicators_are_variables(calls):
     assert np.array_equal(one.get(*(u.variable.name for u in one.description.eventIndicators)), indicators)
     assert len(indicators) == 12 and one.get("time") == 0.25
     assert one.vector("GetEventIndicators", 11)[0] == one.vector("GetContinuousStates", size - 1)[0] == DISCARD
+
+
+@pytest.mark.parametrize("product", ["GetDirectionalDerivative", "GetAdjointDerivative"])
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_what_is_behind_the_table_is_named_where_it_is_refused(calls, kind, product):
+    one = calls("initialization", kind=kind)
+    seed, found, output = (c_double * 3)(), (c_double * 3)(), one.references(["n4.position"])
+    for name, words in (
+        ("s3.event_indicators", "no Float64 variable has the value reference"),
+        ("n4.velocity", "by n4.velocity[1]"),
+    ):
+        known, count = one.references([name]), one.size(name)
+        sizes = (count, 3) if "Directional" in product else (3, count)
+        assert one.do(product, output, 1, known, 1, seed, sizes[0], found, sizes[1]) == DISCARD and one.said(words)
 
 
 def test_single_states_can_be_set_while_the_host_integrates(calls):

@@ -25,6 +25,7 @@ from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
 from tests.support import scene
 from tests.support.native_calls import ERROR, Calls
+from tests.support.words import words
 
 HERE = Path(__file__).parent
 
@@ -217,4 +218,4 @@ def main(runtime: str = "") -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(*words(__doc__, runtime=""))

@@ -30,6 +30,7 @@ from tensegrity_core.scene import builtin_scenes
 from tests.conftest import once
 from tests.support import push, scene
 from tests.support.native_calls import DISCARD, ERROR, FATAL, MODEL_EXCHANGE, OK, Calls
+from tests.support.words import words
 
 CALLS = 3000
 
@@ -190,7 +191,6 @@ def test_the_command_builds_a_kind_beside_co_simulation(kind, tmp_path):
         ({"kind": "me", "runtimes": ("native", "python")}, "Python runtime has co-simulation only"),
         ({"kind": "both", "runtimes": ("native",), "simple": True, "validate": False}, "--simple-types"),
         ({"kind": "me", "runtimes": ("native",), "apart": True}, "--detach-actuators"),
-        ({"kind": "me", "runtimes": ("native",), "cross_check": Path("there")}, "--cross-check"),
     ],
 )
 def test_what_does_not_go_with_a_kind_is_named(options, word):
@@ -444,5 +444,6 @@ def test_random_calls(folder):
 
 
 if __name__ == "__main__":
-    told = random_calls(Path(sys.argv[1]).resolve(), int(sys.argv[2]))
+    folder_of_fmu, count = words(__doc__, Path, int)
+    told = random_calls(folder_of_fmu.resolve(), count)
     print(told[OK], told[DISCARD], told[ERROR])

@@ -342,6 +342,13 @@ def test_steps_take_no_memory(name, counting, native_folders):
     assert count == 0 and messages > 0
 
 
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "rk4"])  # rk4 is unstable there
+def test_an_instance_takes_little_stack(method, host, native_folders):
+    """From instantiation to its end, with all messages, on a stack that is painted before: docs/fmu.md says 16 kB."""
+    used = int(run(host, native_folders["six_bar_nsh"], "stack", list(METHODS).index(method)))
+    assert 500 < used < 16_384
+
+
 def test_a_packed_fmu_runs_in_a_c_host_from_an_odd_folder(host, tmp_path):
     odd = tmp_path / "größe #1"
     with ZipFile(pack_native_fmu(scene("two_bar"), tmp_path / "two_bar.fmu")) as archive:

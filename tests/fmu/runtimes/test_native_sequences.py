@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
 from tests.support.native_calls import DISCARD, ERROR, FATAL, LAST_SUCCESSFUL_TIME, OK, WARNING, Calls
+from tests.support.words import words
 
 EXAMPLES, CALLS = 60, 60
 LARGEST = sys.float_info.max
@@ -364,4 +365,4 @@ def test_a_crash_would_be_seen():
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(*words(__doc__, str, int))

@@ -144,9 +144,7 @@ def test_the_start_is_differentiated_by_start_values(both, calls):
     unknowns = [v.name for v in one.description.modelVariables if v.causality in ("output", "local") and v.type == "Real"]
     knowns = [v.name for v in one.description.modelVariables if v.causality in ("input", "parameter") and v.type == "Real"]
     refused = [known for known in knowns if one.along(unknowns, [known], [1.0])[0] != OK]
-    compiled = [name for name in knowns if ".nsh." in name]
-    if both[1] == "memory":
-        compiled += ["s1.stiffness"]
+    compiled = ["s1.stiffness", *(name for name in knowns if ".nsh." in name)] if both[1] == "memory" else []
     assert sorted(refused) == sorted(compiled) and (not compiled or one.said("derivatives by it are not provided"))
     if "b1.mass" in knowns:
         before = one.get(*unknowns)

@@ -25,6 +25,7 @@ from tests.conftest import once
 from tests.fmu.runtimes import test_native_host
 from tests.support import scene
 from tests.support.native_calls import described, library_of
+from tests.support.words import words
 
 HERE = Path(__file__).parent
 #: Of python_host.c.
@@ -365,4 +366,4 @@ def main(interpreters: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(*words(__doc__, interpreters=[]))

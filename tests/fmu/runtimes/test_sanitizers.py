@@ -24,6 +24,7 @@ from tests.fmu.runtimes.test_native_host import SANITIZERS, arguments
 from tests.fmu.runtimes.test_python_host import surroundings
 from tests.support import scene
 from tests.support.native_calls import library_of
+from tests.support.words import words
 
 HERE = Path(__file__).parent
 linux = sys.platform.startswith("linux")
@@ -124,4 +125,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*words(__doc__, int))

@@ -35,6 +35,7 @@ from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, built
 from tests.support.driven_scenes import MAST as WOUND
 from tests.support.element_scenes import STRINGS, mast
+from tests.support.words import words
 
 #: By how much a law is wrong.
 PART = 1e-5
@@ -235,4 +236,4 @@ def main(names: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(*words(__doc__, names=[])))

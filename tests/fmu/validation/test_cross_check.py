@@ -10,7 +10,7 @@ from fmpy.cross_check.validate_vendor_repo import validate_test_fmu
 from fmpy.util import read_csv as fmpy_csv
 from fmpy.util import read_ref_opt_file
 
-from fmu_src.validation.cross_check import write_cross_check
+from fmu_src.validation.cross_check import CLOSE, KINDS, write_cross_check
 from fmu_src.validation.validate import CACHE
 from tests.support import scene
 
@@ -19,7 +19,8 @@ SCENE = "three_bar_nsh"
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory):
-    return write_cross_check(scene(SCENE), tmp_path_factory.mktemp("bundle"), cache=CACHE)
+    (place,) = write_cross_check(scene(SCENE), tmp_path_factory.mktemp("bundle"), cache=CACHE)
+    return place
 
 
 def read(path):
@@ -41,7 +42,38 @@ def test_fmpys_rules_find_no_problem(bundle):
 
 @pytest.mark.parametrize("contents", [{"simple": True}, {"sources": True}, {"naming": "flat"}])
 def test_bundles_of_other_contents_keep_the_rules(contents, tmp_path):
-    assert validate_test_fmu(str(write_cross_check(scene("two_bar_nsh"), tmp_path, cache=CACHE, **contents))) == []
+    (place,) = write_cross_check(scene("two_bar_nsh"), tmp_path, cache=CACHE, **contents)
+    assert validate_test_fmu(str(place)) == []
+
+
+@pytest.mark.parametrize("naming", ["structured", "flat"])
+@pytest.mark.parametrize("standard", ["2.0", "3.0"])
+def test_bundles_of_every_version_and_kind_are_replayed(standard, naming, tmp_path):
+    """fmpy reads inputs and options, and what it gets for the outputs is within what the ReadMe says.  An FMU of both kinds has
+    a bundle for each."""
+    model = scene("two_bar_nsh")
+    places = write_cross_check(model, tmp_path, naming, CACHE, kind="both", standard=standard)
+    assert [place.relative_to(tmp_path).parts[1:3] for place in places] == [(standard, "cs"), (standard, "me")]
+    for place, kind in zip(places, ("CoSimulation", "ModelExchange"), strict=True):
+        given, expected = (fmpy_csv(place / f"{model.name}_{what}.csv") for what in ("in", "ref"))
+        options = read_ref_opt_file(str(place / f"{model.name}_ref.opt"))
+        moving = [name for name in given.dtype.names[1:] if np.ptp(given[name], axis=0).any()]
+        found = simulate_fmu(
+            str(place / f"{model.name}.fmu"),
+            fmi_type=kind,
+            stop_time=options["StopTime"],
+            output_interval=options["StepSize"],
+            relative_tolerance=1e-9,
+            input=given[["time", *moving]],  # fmpy 0.3.32 takes either scalars or arrays of one size
+            output=list(expected.dtype.names[1:]),
+        )
+        at = np.searchsorted(found["time"], expected["time"] - 1e-9, side="left")
+        for name in expected.dtype.names[1:]:
+            right, ours = expected[name], np.array(found[name].tolist())[at]
+            away = np.abs(expected["time"][:, None] % 0.5).min(axis=1) > 1e-6  # where the wave turns, forces have two values
+            bound = CLOSE * (1.0 + np.max(np.abs(right)))
+            assert np.max(np.abs(ours - right)[away]) <= bound, (place, name)
+        assert KINDS[place.parts[-5]] in (place / "ReadMe.txt").read_text(encoding="utf-8")
 
 
 def test_options_are_lines_of_a_name_and_a_number(bundle):

@@ -441,6 +441,19 @@ def test_build_and_validate(brief, tmp_path, capsys):
     assert "from the cache" in (tmp_path / "out/python/two_bar_nsh.html").read_text(encoding="utf-8")
 
 
+def test_an_fmu_of_fmi_3_is_validated_in_both_kinds(brief, tmp_path, capsys):
+    """Table and reports say which version it is of; co-simulation is run in Event Mode and with steps that end early, too."""
+    words = ["two_bar_nsh", "--fmi", "3.0", "--kind", "both", "--no-page", "--output", str(tmp_path), "--no-cache"]
+    assert build_fmu.main(words) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("two_bar_nsh  ")]
+    assert [" ".join(line.split()[1:5]) for line in lines] == ["both: cs, FMI 3.0", "both: me, FMI 3.0"]
+    reports = sorted(path for path in (tmp_path / "both-fmi3").iterdir() if path.suffix == ".html")
+    assert [path.name for path in reports] == ["two_bar_nsh.html", "two_bar_nsh_me.html"]
+    for report, kind in zip(reports, ("cs", "me"), strict=True):
+        page = report.read_text(encoding="utf-8")
+        assert f"Validation of two_bar_nsh, both: {kind}, FMI 3.0 FMU" in page and "Every bound holds." in page
+
+
 def unmade(say, told):
     """In the place of output.page.parts, where pages cannot be made."""
     raise TensegrityError("the page is built once, which takes: pip install something")

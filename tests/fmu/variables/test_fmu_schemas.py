@@ -29,6 +29,7 @@ from tensegrity_core.kernel import LIBRARY, Kernel
 from tensegrity_core.model import Model
 from tensegrity_core.scene import builtin_scenes
 from tests.support import driven_scenes, element_scenes, scene
+from tests.support.words import words
 
 SCHEMAS = {
     "2.0": "fmi2/fmi2ModelDescription.xsd",
@@ -295,4 +296,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()

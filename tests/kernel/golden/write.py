@@ -10,6 +10,7 @@ from tensegrity_core import reference
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import builtin_scenes
 from tests.support import push, scene
+from tests.support.words import words
 
 HERE = Path(__file__).resolve().parent
 DURATION, STEP = 0.5, 0.05
@@ -31,4 +32,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()
