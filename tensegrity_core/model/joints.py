@@ -103,7 +103,7 @@ def redundant_bars(model: Model) -> np.ndarray:
     labels = np.array(_components(len(model.nodes), *model.bars[left].T))
     for label in np.unique(labels[model.bars[left, 0]]):
         bars = left[labels[model.bars[left, 0]] == label]
-        _, values, states = np.linalg.svd(_unit_rows(model, bars).T)
+        _, values, states = np.linalg.svd(length_rows(model, bars).T)
         null = states[int(np.sum(values > RANK_TOLERANCE * values.max(initial=1e-300))) :]
         found[bars] = np.abs(null).max(axis=0, initial=0.0) > ROUND_OFF
     return found
@@ -132,7 +132,7 @@ def _core(model: Model) -> np.ndarray:
     return np.flatnonzero(left)
 
 
-def _unit_rows(model: Model, bars: np.ndarray) -> np.ndarray:
+def length_rows(model: Model, bars: np.ndarray) -> np.ndarray:
     """(bars, coordinates) derivatives of these bars' lengths, of their nodes' free coordinates only."""
     nodes, place = np.unique(model.bars[bars], return_inverse=True)
     place = place.reshape(-1, 2)

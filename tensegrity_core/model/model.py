@@ -227,7 +227,7 @@ class Model:
     @cached_property
     def redundant(self) -> np.ndarray:
         """(B,) bool: bars whose forces their lengths leave open at the start, see `joints`."""
-        return joints.redundant_bars(self)
+        return joints.redundant_bars(self) if self.joint else np.zeros(len(self.bars), dtype=bool)
 
     @cached_property
     def bodies(self) -> tuple[Weld, ...]:

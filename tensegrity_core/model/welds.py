@@ -10,13 +10,16 @@ None of these constraints follows from the others.
 
 from __future__ import annotations
 
-from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     from .model import Model
+
+#: A bar's name or number.
+Bar = TypeVar("Bar", str, int)
 
 #: Of a body's extent: what is flatter counts as flat.
 FLAT = 1e-9
@@ -78,11 +81,17 @@ def distances(model: Model) -> np.ndarray:
 
 def rigid_bodies(model: Model) -> tuple[Weld, ...]:
     """The rigid bodies of a model's welds, at its start; welds with a bar in common are one body."""
-    joined: list[set[int]] = []
-    for weld in model.welds:
-        touched = [one for one in joined if one & set(weld)]
-        joined = [one for one in joined if one not in touched] + [set(weld).union(*touched)]
-    return tuple(_body(model, tuple(sorted(bars))) for bars in joined)
+    return tuple(_body(model, tuple(sorted(bars))) for bars in joined(model.welds))
+
+
+def joined(welds: Iterable[Iterable[Bar]]) -> list[set[Bar]]:
+    """Welds with those that have a bar in common in one."""
+    found: list[set[Bar]] = []
+    for weld in welds:
+        bars = set(weld)
+        touched = [one for one in found if one & bars]
+        found = [one for one in found if one not in touched] + [bars.union(*touched)]
+    return found
 
 
 def _body(model: Model, bars: tuple[int, ...]) -> Weld:
@@ -92,7 +101,7 @@ def _body(model: Model, bars: tuple[int, ...]) -> Weld:
     followers: list[int] = [] if len(frame) > len(model.axes) else [i for i in range(len(nodes)) if i not in frame]
     corners = np.vstack((x[frame].T, np.ones(len(frame))))
     places = np.linalg.lstsq(corners, np.vstack((x[followers].T, np.ones(len(followers)))), rcond=None)[0].T
-    pairs = _distances(x, [(nodes.index(i), nodes.index(j)) for i, j in model.bars[list(bars)].tolist()], len(frame) - 1)
+    pairs = _distances(x, [(nodes.index(i), nodes.index(j)) for i, j in model.bars[list(bars)].tolist()], frame)
     named = tuple((nodes[i], nodes[j]) for i, j in pairs)
     return Weld(bars, nodes, tuple(nodes[i] for i in frame), named, tuple(nodes[i] for i in followers), places)
 
@@ -112,26 +121,34 @@ def _frame(x: np.ndarray) -> list[int]:
     return chosen
 
 
-def _distances(x: np.ndarray, bars: list[tuple[int, int]], d: int) -> list[tuple[int, int]]:
-    """Pairs of points (k, D) that with the bars hold them in their d dimensions, as few as will do."""
+def _distances(x: np.ndarray, bars: list[tuple[int, int]], frame: list[int]) -> list[tuple[int, int]]:
+    """Pairs of points (k, D) that with the bars hold them in the d dimensions of their frame, as few as will do.
+
+    Of the pairs with a point of the frame, which together hold all, in turn the one that depends least on those before.
+    """
+    d = len(frame) - 1
     within = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2][:d]
     flat = x @ within.T  # (k, d)
-    others = [pair for pair in combinations(range(len(x)), 2) if pair not in bars and pair[::-1] not in bars]
-    rows = {pair: _row(flat, pair) for pair in bars + others}
-    _, sizes, directions = np.linalg.svd(np.array([rows[pair] for pair in bars]), full_matrices=False)
-    held = directions[sizes > FLAT * sizes[0]].T
-    chosen: list[tuple[int, int]] = []
-    while held.shape[1] < d * len(x) - d * (d + 1) // 2:
-        left = {pair: rows[pair] - held @ (held.T @ rows[pair]) for pair in others}
-        best = max(left, key=lambda pair: float(np.linalg.norm(left[pair])))
-        chosen.append(best)
-        held = np.column_stack((held, left[best] / np.linalg.norm(left[best])))
+    known = {frozenset(pair) for pair in bars}
+    others = [(i, j) for i in frame for j in range(len(x)) if (j not in frame or i < j) and frozenset((i, j)) not in known]
+    _, sizes, directions = np.linalg.svd(_rows(flat, bars), full_matrices=False)
+    held = directions[sizes > FLAT * sizes[0]]
+    left, chosen = _rows(flat, others), []
+    left = left - (left @ held.T) @ held
+    for _ in range(d * len(x) - d * (d + 1) // 2 - len(held)):
+        lengths = np.linalg.norm(left, axis=1)
+        best = int(np.argmax(lengths))
+        chosen.append(others[best])
+        unit = left[best] / lengths[best]
+        left = left - np.outer(left @ unit, unit)
     return chosen
 
 
-def _row(x: np.ndarray, pair: tuple[int, int]) -> np.ndarray:
-    """(k d,) derivative of the distance of two points."""
-    row, unit = np.zeros_like(x), x[pair[1]] - x[pair[0]]
-    unit = unit / np.linalg.norm(unit)
-    row[pair[1]], row[pair[0]] = unit, -unit
-    return row.ravel()
+def _rows(x: np.ndarray, pairs: list[tuple[int, int]]) -> np.ndarray:
+    """(pairs, k d) derivatives of the distances of pairs of points (k, d)."""
+    ends = np.array(pairs, dtype=int).reshape(-1, 2)
+    unit = x[ends[:, 1]] - x[ends[:, 0]]
+    unit = unit / np.linalg.norm(unit, axis=1)[:, None]
+    rows, each = np.zeros((len(ends), *x.shape)), np.arange(len(ends))
+    rows[each, ends[:, 1]], rows[each, ends[:, 0]] = unit, -unit
+    return rows.reshape(len(ends), -1)

@@ -168,7 +168,8 @@ class _Run:
         """Raises SimulationError where no positions near N keep all lengths."""
         if not joints.drift(N, Ndot) <= DRIFT:
             why = f"bars {joints.named(joints.off(N, Ndot))} cannot all keep their lengths"
-            raise SimulationError("contradictory", f"{why}; look at what holds them, and at moved nodes", float(t))
+            remedy = "look at what holds them, and weld a braced panel in space"
+            raise SimulationError("contradictory", f"{why}; {remedy}", float(t))
 
     def derivative(self, mode: Mode):
         """The right-hand side ydot(t, y) under one mode: eq. 7, eq. 8 and the powers of the energy ledger."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..fields import owned_words, shared_words
 from ..model.elements import KINDS, key_of
+from ..model.welds import joined
 from . import costs
 from .entries import Entry, Scene
 from .messages import require_known, twice
@@ -29,6 +30,7 @@ SHORTEST = 1e-9  # m: below this a member has no usable direction
 MOST_LEVELS = 20  # of elements in each other
 MOST_PARTS = 1000  # elements that one string may be made of
 MOST_MEMORY = 12  # beams and other parts that snap in one series with memory
+MOST_WELDED = 100  # bars of one rigid body
 MOST_POINTS = 50_000  # of all tables of a scene
 MOST_COST = 4.0  # s, about what working out all force laws may take; see `costs`
 
@@ -154,6 +156,11 @@ def _check_welds(scene: Scene) -> None:
         for place, name in enumerate(bars, 1):
             require_known(scene, f"weld[{at}][{place}]", name, scene.bars, "is no bar")
         twice(scene, f"weld[{at}]", bars)
+    for body in joined(scene.weld):
+        if len(body) > MOST_WELDED:
+            problem = f"makes a rigid body of {len(body)} bars, more than {MOST_WELDED}"
+            at = next(at for at, bars in enumerate(scene.weld, 1) if bars[0] in body)
+            raise scene.error(f"weld[{at}]", problem, "Use longer bars, or fewer.")
 
 
 def _check_velocities(scene: Scene) -> None:

@@ -28,6 +28,10 @@ def places(model: Model) -> np.ndarray:
     return place.reshape(-1, len(model.axes))
 
 
+#: Added to squared lengths, m2: keeps 0/0 out where a slack string's ends meet, and is lost in any other.
+TINY = 1e-300
+
+
 class Shape(NamedTuple):
     """Members at one configuration.  vectors: (D, S+B) m; squared, lengths: (S+B,) m2, m; length: (S,) m, of the strings;
     free: (n,) m, the free coordinates."""
@@ -86,7 +90,7 @@ class Members:
         ends = among.take(self._ends)
         vectors = ends[1] - ends[0]
         squared = np.add.reduce(vectors * vectors)
-        lengths = np.sqrt(squared)
+        lengths = np.sqrt(squared + TINY)
         return Shape(vectors, squared, lengths, lengths[: self._count], free)
 
     def lengths(self, free: np.ndarray) -> np.ndarray:

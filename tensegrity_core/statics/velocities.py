@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model import Model
-from .matrices import lstsq
+from ..model.joints import length_rows
+from .matrices import lstsq, null_space
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -38,6 +39,7 @@ def start_velocities(scene: Scene, model: Model) -> np.ndarray:
         problem = f"lengthens bars, which are rigid: {listed}{more}"
         remedy = f"Let {ends[0]} and {ends[1]} have the same velocity along bar {model.bar_names[worst[0]]}."
         raise scene.error(_key(scene, ends), problem, remedy)
+    _require_room(scene, model, velocity, fastest)
     for body in model.bodies:
         bent = _bending(model.nodes[list(body.nodes)], velocity[list(body.nodes)])
         if bent > ROUNDED * fastest:
@@ -46,6 +48,28 @@ def start_velocities(scene: Scene, model: Model) -> np.ndarray:
             ends = [model.node_names[node] for node in body.nodes]
             raise scene.error(_key(scene, ends), problem, "Let the body move and turn as a whole.")
     return velocity
+
+
+def _require_room(scene: Scene, model: Model, velocity: np.ndarray, fastest: float) -> None:
+    """Raises SceneError where redundant bars keep their lengths to first order only.
+
+    Their second derivatives vanish, too, where b . b'' = -|b'|^2 for all bars; the sum of q b . b'' is 0 for every state of
+    self-stress (force densities q), whatever the accelerations, so that of q |b'|^2 has to be.
+    """
+    bars = np.flatnonzero(model.redundant)
+    if not len(bars):
+        return
+    rates = (velocity[model.bars[:, 1]] - velocity[model.bars[:, 0]])[bars]
+    squares = np.sum(rates * rates, axis=1)
+    states = null_space(length_rows(model, bars).T) / model.bar_length[bars][:, None]
+    states /= np.abs(states).max(axis=0, initial=1e-300)
+    if np.abs(states.T @ squares).max(initial=0.0) > ROUNDED * fastest**2:
+        moved = [model.bar_names[i] for i, square in zip(bars, squares) if square > ROUNDED * fastest**2]
+        ends = [model.node_names[node] for i in bars for node in model.bars[i]]
+        problem = (
+            f"moves bars that hold each other, {', '.join(moved[:MOST_LISTED])}, so that they cannot all keep their lengths"
+        )
+        raise scene.error(_key(scene, ends), problem, "Leave out what bends them, or one of the bars.")
 
 
 def stretching(model: Model, velocity: np.ndarray) -> np.ndarray:

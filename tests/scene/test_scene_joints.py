@@ -9,7 +9,10 @@ import pytest
 
 from tensegrity_core import load, reference, statics
 from tensegrity_core.cli import main
+from tensegrity_core.errors import SceneError
 from tensegrity_core.model import grid, held
+from tensegrity_core.scene import parse_scene
+from tensegrity_core.statics import build_model
 from tests.scene.test_scene import write
 
 #: A four-bar frame with a slider, a weld and a push.
@@ -119,6 +122,48 @@ def test_check_and_simulate(tmp_path, capsys):
     assert "redundant bars: b4, b5; their forces" in told and told.count("N (redundant)") == 2
     assert main(["simulate", str(path), "--duration", "1"]) == 2
     assert "which the kernel and FMUs cannot simulate yet; use tensegrity_core.reference" in capsys.readouterr().err
+
+
+SPANNED = """
+start = "released"
+gravity = 0.0
+fixed = ["a", "c"]
+[nodes]
+a = [0.0, 0.0, 0.0]
+b = [1.0, 0.0, 0.0]
+c = [2.0, 0.0, 0.0]
+[bars]
+r = { nodes = ["a", "b"], mass = 1.0 }
+s = { nodes = ["b", "c"], mass = 1.0 }
+[velocities]
+b = [0.0, 0.3, 0.0]
+"""
+
+
+def test_velocities_that_bars_can_follow_for_no_time(tmp_path):
+    """Across a straight chain between two walls the lengths stay to first order only; a panel that turns as a whole is free."""
+    with pytest.raises(SceneError, match=r"velocities.b = .*moves bars that hold each other, r, s, so that they cannot all"):
+        frame(tmp_path, SPANNED)
+    corners = {"p": [0.0, 0.0, 0.0], "q": [1.0, 0.0, 0.0], "r": [1.2, 0.0, 0.8], "t": [0.1, 0.0, 0.9]}
+    pairs = {f"b{a}{b}": {"nodes": [a, b], "mass": 1.0} for a, b in ("pq", "qr", "rt", "tp", "pr", "qt")}
+    turning = {name: np.cross([0.3, 1.0, -0.5], place).tolist() for name, place in corners.items()}
+    scene = {"name": "panel", "start": "released", "gravity": 0.0, "nodes": corners, "bars": pairs}
+    model = build_model(parse_scene(scene | {"velocities": turning}))
+    assert model.redundant.all()
+    with pytest.raises(SceneError, match="hold each other"):
+        build_model(parse_scene(scene | {"velocities": {"p": [0.0, 0.5, 0.0]}}))
+
+
+def test_a_weld_of_many_bars(tmp_path):
+    """Its size is bounded, of welds that are joined by a bar, too."""
+    names = [f"n{i}" for i in range(103)]
+    nodes = {name: [float(i), float(i % 3), float(i % 5)] for i, name in enumerate(names)}
+    bars = {f"b{i}": {"nodes": names[i : i + 2], "mass": 1.0} for i in range(102)}
+    welds = [[f"b{i}" for i in range(60)], [f"b{i}" for i in range(59, 102)]]
+    scene = {"name": "long", "start": "released", "gravity": 0.0, "nodes": nodes, "bars": bars, "weld": welds}
+    with pytest.raises(SceneError, match=r"weld\[1\] = .*a rigid body of 102 bars, more than 100. Use longer"):
+        parse_scene(scene)
+    assert len(parse_scene(scene | {"weld": welds[:1]}).weld[0]) == 60
 
 
 @pytest.mark.parametrize("start", ["equilibrium", "settled"])

@@ -220,3 +220,13 @@ def test_equilibrium_and_modes_of_the_api():
     assert state["n.z"].item() == pytest.approx(statics.settle(model, force=force).nodes[1, 2], abs=1e-9)
     assert state["we.force"].item() > 0.0
     assert [mode.eigenvalue for mode in tc.modes(model)] == pytest.approx([mode.eigenvalue for mode in modes(model)])
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_frame_that_folds_flat():
+    """A weight that no string holds folds the D-bar until its string along has two bars' lengths, and the ends of the slack one
+    meet: nothing is divided by its length."""
+    scene = SQUEEZED | {"bars": SQUEEZED["bars"] | {"wn": {"nodes": ["w", "n"], "mass": 1e9}}}
+    model = build_model(parse_scene(scene))
+    apart = np.linalg.norm(model.nodes[1] - model.nodes[3])
+    assert apart < 1e-6 and statics.unbalanced(model).equilibrium and np.isfinite(statics.member_forces(model)).all()
