@@ -100,7 +100,7 @@ class Model:
         moving: nodes whose motion is an input, in node order: fixed ones, and partly fixed ones that `moving_axes` names.
         partly_fixed: (node, axes) of the free nodes that are fixed along some of the scene's axes, in node order.
         moving_axes: (node, axes) of the `moving` nodes that are moved along some of the axes along which they are fixed, and
-            not along all that the scene uses, in node order.
+            not along all that the scene uses, in node order; what inputs say of other axes is ignored.
         welds: bars that are one rigid body, weld by weld, rising.
     """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,10 @@ def _balance(model: Model) -> str:
     force, node, equilibrium = statics.unbalanced(model)
     if not equilibrium:
         return f"not an equilibrium: up to {force:.3g} N stay unbalanced, at {model.node_names[node]}"
-    stable, lowest = statics.stability(model)
+    try:
+        stable, lowest = statics.stability(model)
+    except statics.TooLarge as failure:
+        return f"largest unbalanced force {force:.1e} N; not known whether it is stable: {failure}"
     least = f" (lowest stiffness {lowest:z.4g} N/m)" if np.isfinite(lowest) else " (nothing has a stiffness)"
     return f"largest unbalanced force {force:.1e} N, {'stable' if stable else 'unstable'}{least}"
 
@@ -95,7 +99,9 @@ def _forces(model: Model) -> list[str]:
 def data(model: Model, start: str) -> dict[str, Any]:
     """The same, as JSON takes it: m, N, N/m; what does not apply is null."""
     off, node, equilibrium = statics.unbalanced(model)
-    stable, lowest = statics.stability(model) if equilibrium else (None, np.nan)
+    stable, lowest = None, np.nan
+    with contextlib.suppress(statics.TooLarge):
+        stable, lowest = statics.stability(model) if equilibrium else (None, np.nan)
     try:
         found = statics.analyse(model)
     except statics.TooLarge:

@@ -13,11 +13,15 @@ import scipy
 from ..model import Model
 from ..model.welds import followers
 from .balance import Balance
-from .matrices import RANK_TOLERANCE, WHOLE, Dense, Sparse, TooLarge, lengths_between, lstsq, null_space
+from .matrices import RANK_TOLERANCE, Dense, Sparse, lengths_between, lstsq, null_space, require_small
 from .members import Members, Shape, members
 
 #: Newton steps back onto the lengths.
 MOST_STEPS = 30
+#: Coordinates or bars up to which singular values are taken wherever they serve.
+FEW = 300
+#: Pivots below this part of the largest leave too few digits; singular values are taken then.
+ROOT_TOLERANCE = 1e-5
 
 
 class Jointed(Balance):
@@ -57,8 +61,10 @@ class Jointed(Balance):
 
     def _borne(self, shape: Shape, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Force densities (c,) of all constraints that balance forces (n,) best, and what stays unbalanced (n,), N."""
-        if max(self.size, len(self.bar_length)) > WHOLE:
-            return self._borne_by_many(shape, force)
+        if max(self.size, len(self.bar_length)) > FEW:
+            if not self.model.redundant.any():
+                return self._borne_by_many(shape, force)
+            require_small(self.model, "forces of bars that hold each other")
         A = self.constraints(shape)
         density = lstsq(A.T, force)
         left = force - A.T @ density
@@ -73,12 +79,7 @@ class Jointed(Balance):
         places = np.concatenate((rows, rows), axis=None), np.concatenate((first, second), axis=None)
         A = scipy.sparse.coo_array((np.concatenate((-vectors, vectors), axis=None), places), (rows.shape[1], self.wide))
         A = scipy.sparse.vstack((A.tocsr()[:, : self.size], scipy.sparse.csr_array(self.follower_rows(shape))))
-        try:
-            factors = scipy.sparse.linalg.splu((A @ A.T).tocsc())
-        except RuntimeError:  # singular
-            raise TooLarge(
-                f"{self.model.name}: bars hold each other; their forces are for structures of up to {WHOLE} bars"
-            ) from None
+        factors = scipy.sparse.linalg.splu((A @ A.T).tocsc())
         density, left = np.zeros(A.shape[0]), force
         for _ in range(3):  # normal equations lose half of the digits
             density = density + factors.solve(A @ left)
@@ -93,12 +94,28 @@ class Jointed(Balance):
             if not largest < 0.5 * best:
                 break
             best = largest
-            free = free - lstsq(self.constraints(self.shape(free)), off)
+            free = free - _least(self.constraints(self.shape(free)), off)
         return free
 
     def basis(self, shape: Shape) -> np.ndarray:
         A = self.constraints(shape)
-        return null_space(A / np.linalg.norm(A, axis=1).clip(1e-300)[:, None], RANK_TOLERANCE)
+        A = A / np.linalg.norm(A, axis=1).clip(1e-300)[:, None]
+        if not len(A) or len(A) > A.shape[1]:
+            return null_space(A, RANK_TOLERANCE)
+        q, r = scipy.linalg.qr(A.T, check_finite=False)
+        regular = float(np.abs(np.diagonal(r)).min()) > ROOT_TOLERANCE
+        return q[:, len(A) :] if regular else null_space(A, RANK_TOLERANCE)
+
+
+def _least(A: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The shortest x (n,) with A x = right, or next to it."""
+    try:
+        factor = scipy.linalg.cho_factor(A @ A.T, check_finite=False)
+    except np.linalg.LinAlgError:
+        return lstsq(A, right)
+    pivots = np.abs(np.diagonal(factor[0]))
+    regular = len(pivots) == 0 or pivots.min() > ROOT_TOLERANCE * pivots.max()
+    return A.T @ scipy.linalg.cho_solve(factor, right, check_finite=False) if regular else lstsq(A, right)
 
 
 def members_of(model: Model) -> Members:

@@ -13,7 +13,7 @@ from ..laws import hysteresis
 from ..model import NSH, Actuator, Model
 from ..model.elements import remembers
 from . import simulable
-from .matrices import lengths_between
+from .matrices import TooLarge, lengths_between
 from .prestress import prestress, require_balance, rest_lengths, two_parts
 from .settling import NoEquilibrium, settle
 from .strings import string_tension
@@ -38,7 +38,7 @@ def build_model(scene: Scene) -> Model:
     if scene.start == "settled":
         try:
             model = settle(model)
-        except (NoEquilibrium, hysteresis.NoStableState) as failure:
+        except (NoEquilibrium, TooLarge, hysteresis.NoStableState) as failure:
             remedy = 'Change the prestress or the coordinates, or write start = "released".'
             raise scene.error("start", str(failure), remedy, scene.start) from None
     if scene.velocities:

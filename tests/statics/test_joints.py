@@ -8,6 +8,7 @@ import scipy
 
 import tensegrity_core as tc
 from tensegrity_core import statics
+from tensegrity_core.cli import main
 from tensegrity_core.equilibria.equilibrium import Equations
 from tensegrity_core.equilibria.linearization import at_rest, linearize
 from tensegrity_core.equilibria.loading import Loading
@@ -230,3 +231,17 @@ def test_a_frame_that_folds_flat():
     model = build_model(parse_scene(scene))
     apart = np.linalg.norm(model.nodes[1] - model.nodes[3])
     assert apart < 1e-6 and statics.unbalanced(model).equilibrium and np.isfinite(statics.member_forces(model)).all()
+
+
+def test_check_of_a_long_chain(tmp_path, capsys):
+    """What takes too long is left out, and said; forces there are."""
+    nodes = "\n".join(f"n{i} = [0.0, {-float(i)}]" for i in range(1101))
+    bars = "\n".join(f'b{i} = {{ nodes = ["n{i}", "n{i + 1}"], mass = 1.0 }}' for i in range(1100))
+    path = tmp_path / "chain.toml"
+    path.write_text(f'plane = "xz"\nfixed = ["n0"]\n[nodes]\n{nodes}\n[bars]\n{bars}\n', encoding="utf-8")
+    assert main(["check", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "not known whether it is stable" in told and "bars: 4.905 to 10786.1 N" in told
+    path.write_text(path.read_text(encoding="utf-8").replace("fixed", 'start = "settled"\nfixed'), encoding="utf-8")
+    assert main(["check", str(path)]) == 2
+    assert "start = 'settled': chain: settling bars that share nodes is for structures of up to 2000" in capsys.readouterr().err
