@@ -305,16 +305,24 @@ def _constant(model: Model, forces: Mapping[str, float] | None) -> np.ndarray:
     return driven(model, np.array([0.0, 1.0]), given).force[0]
 
 
-def build(scene: str | Path, output: str | Path = "dist", runtime: str = "both", validate: bool = False) -> dict[str, Path]:
+def build(
+    scene: str | Path,
+    output: str | Path = "dist",
+    runtime: str = "both",
+    validate: bool = False,
+    kind: str = "cs",
+    fmi: str = "2.0",
+) -> dict[str, Path]:
     """Build a scene's FMUs: runtime ("native", "python") -> file.  With `validate` they are compared with the reference, too.
 
-    Raises TensegrityError where one cannot be built, or passes a bound.
+    kind: "cs" (co-simulation), "me" (model exchange) or "both" in one FMU; fmi: "2.0" or "3.0".  Only co-simulation of FMI 2.0
+    has Python FMUs, too.  Raises TensegrityError where one cannot be built, or passes a bound.
     """
     if isinstance(scene, Model):
         raise InputError(f"{scene.name}: FMUs are built of a scene; give its name or file, not its model")
     builds = importlib.import_module("fmu_src.builds")
-    runtimes = ("native", "python") if runtime == "both" else (runtime,)
-    return builds.built(builds.Options((str(scene),), runtimes, output=Path(output), validate=validate))
+    runtimes = builds.runtimes(runtime, native=kind != "cs" or fmi != "2.0")
+    return builds.built(builds.Options((str(scene),), runtimes, fmi, kind, output=Path(output), validate=validate))
 
 
 def view(what: Scene | Run | Equilibrium, output: str | Path | None = None) -> Path:
