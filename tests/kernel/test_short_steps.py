@@ -59,9 +59,9 @@ def test_loose_tolerances_keep_positions_within_a_micrometre(name, method, toler
     assert np.abs(driven(name, method, tolerance)[0] - exact(name)).max() < error
 
 
-@pytest.mark.parametrize("method, evaluations", [("dop853", 13), ("dopri5", 7), ("rk4", 5), ("ros2", 4)])
+@pytest.mark.parametrize("method, evaluations", [("dop853", 13), ("dopri5", 7), ("rk4", 5), ("ros2", 3)])
 def test_a_step_evaluates_each_point_once(method, evaluations):
-    """One step per call, its end evaluated once for the step and, where the stages carry the ledger, for the outputs."""
+    """One step per call, its end evaluated once for the step; what outputs need beside it is not counted."""
     _positions, kernel = driven("two_bar", method, 1e-3)
     ends = kernel.stats["restarts"] + kernel.stats["steps"] + kernel.stats["rejected"] - STEPS
     assert kernel.stats["rhs"] <= STEPS * evaluations + ends * 16 and kernel.stats["rhs"] >= STEPS * evaluations
