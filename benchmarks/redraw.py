@@ -18,6 +18,7 @@ PAGES = (
     "article.experiments",
     "article.memory",
     "coupling.run",
+    "exchange.run",
     "importers.run",
     "speed.fmu_speed",
     "speed.growth",
