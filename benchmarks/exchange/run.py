@@ -126,7 +126,7 @@ def cheapest(data: dict, problem: str, contender: str, error: float, quantity: s
 
 def draw_work(data: dict) -> Figure:
     """Error over time and over evaluations, three problems."""
-    figure = new_figure(9.0, 5.2)
+    figure = new_figure(9.0, 5.6)
     chosen = ("three_bar_nsh/50", "three_bar_nsh/500", "six_bar_nsh/500")
     axes = figure.subplots(2, 3, sharey=True)
     for column, problem in zip(axes.T, chosen):
@@ -134,10 +134,10 @@ def draw_work(data: dict) -> Figure:
             for one in CONTENDERS:
                 rows = [row for row in of(data, problem, one.name) if row.get(quantity)]
                 ax.loglog([row[quantity] for row in rows], [row["error"] for row in rows], **LOOKS[one.name])
-            ax.set(xlabel=label, title=data["problems"][problem]["title"], ylim=(1e-12, 1e-1))
+            ax.set(xlabel=label, title=data["problems"][problem]["title"], ylim=(1e-12, 3.0))
     for ax in axes[:, 0]:
         ax.set_ylabel("error, m")
-    axes[0, 0].legend(loc="lower left", fontsize=6)
+    figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     lettered(axes)
     return figure
 

@@ -140,7 +140,7 @@ def remark(row: dict) -> str:
     said = row["why"].replace("|", "/").replace("<", "&lt;")
     if row["outcome"] in ("refused", "not installed"):
         return f"{row['limit']}: “{said}”" if row["limit"] else f"“{said}”"
-    return said
+    return row["limit"] if row["outcome"] == "differs" else said
 
 
 PAGE = Page(__doc__, "importers", collect, report)
