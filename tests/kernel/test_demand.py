@@ -5,8 +5,6 @@ The sequences are seeded: `python -m tests.kernel.test_demand COUNT` runs COUNT 
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -16,6 +14,7 @@ from tensegrity_core.kernel import Kernel
 from tensegrity_core.kernel.binding import GROUPS
 from tests.kernel.test_refused_calls import MODELS
 from tests.kernel.test_watched_steps import FIXED
+from tests.support.words import words
 
 #: What each group of outputs holds.
 FIELDS_OF = {
@@ -194,8 +193,9 @@ def test_a_step_fails_alike_whoever_reads(size):
 
 
 if __name__ == "__main__":
+    (seeds,) = words(__doc__, int)
     for name in MODELS:
         for method in METHODS:
-            for seed in range(int(sys.argv[1])):
+            for seed in range(seeds):
                 run(name, method, seed, 200)
     print("all the same")

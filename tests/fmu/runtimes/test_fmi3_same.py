@@ -23,6 +23,7 @@ from fmu_src.variables.interface import variables
 from tensegrity_core.scene import builtin_scenes
 from tests.support import element_scenes, scene
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
+from tests.support.words import words
 
 MODELS = {
     **{name: lambda name=name: scene(name) for name in builtin_scenes()},
@@ -207,4 +208,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()

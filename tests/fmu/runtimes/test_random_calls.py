@@ -29,6 +29,7 @@ from tests.support import element_scenes, fmi3_calls, native_calls, scene
 from tests.support.driven_scenes import LABORATORY, MAST, built
 from tests.support.fmi3_calls import TYPES, Calls3
 from tests.support.native_calls import CO_SIMULATION, DISCARD, ERROR, MODEL_EXCHANGE, OK, WARNING, Calls
+from tests.support.words import words
 
 CALLS = 500
 BETWEEN = 125  # calls between two comparisons with a fresh instance
@@ -428,10 +429,11 @@ def main(calls: int, model: str = "three_bar_nsh", seeds: int = 1) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "all":
-        main(int(sys.argv[2]), *sys.argv[3:4], *map(int, sys.argv[4:]))
-    else:
-        for kind in sys.argv[1].split(","):
-            walk = Walk(Path(sys.argv[3]).resolve() / f"fmi{KINDS[kind][0]}", kind, int(sys.argv[4]))
-            walk.walk(int(sys.argv[2]))
+    kinds, calls, model_or_folder, seed = words(__doc__, str, int, model="three_bar_nsh", seeds=1)
+    if kinds == "all":
+        main(calls, model_or_folder, seed)
+    else:  # in a process of its own, see walked()
+        for kind in kinds.split(","):
+            walk = Walk(Path(model_or_folder).resolve() / f"fmi{KINDS[kind][0]}", kind, seed)
+            walk.walk(calls)
             print(kind, *walk.found, flush=True)
