@@ -250,7 +250,7 @@ def test_transfer_functions_are_those_of_small_motions_of_the_kernel(name, load,
         steady = np.linalg.solve(1j * omega * np.eye(len(used.A)) - used.A, used.B[:, 0]) * rate
         expected = used.response(1j * omega)[:, 0] * rate
         n = len(whole.A)
-        size = 2e-7 / np.abs(whole.C[: model.nodes[:, list(model.axes)].size] @ steady[:n]).max()
+        size = 1e-7 / np.abs(whole.C[: model.nodes[:, list(model.axes)].size] @ steady[:n]).max()
         error = swung(model, force, whole, column, size, steady[:n], omega, per_period, expected)
         assert error.max() < 1e-5, (frequency, error)
 
