@@ -43,6 +43,8 @@ def version_of(tool: Tool, python: Path) -> str:
         return tool.maven.split(":")[2]
     if tool.crate:
         return tool.crate.split("==")[1]
+    if tool.command:
+        return _run([str(_found(tool.command)), "--version"]).split()[-1]
     package = tool.packages[0].split("==")[0]
     code = f"from importlib.metadata import version; print(version({package!r}))"
     return _run([str(python), "-c", code]).strip()
@@ -68,6 +70,8 @@ def program_of(tool: Tool, base: Path) -> Path | None:
     """The .jar of a tool in Java, the program of one in Rust; None where it has none.  Raises Missing."""
     if tool.crate:
         return _compiled(tool, base)
+    if tool.command:
+        return _found(tool.command)
     if not tool.maven:
         return None
     folder = base / "maven"
@@ -79,6 +83,14 @@ def program_of(tool: Tool, base: Path) -> Path | None:
                 raise Missing(f"needs {program}")
         _run(["mvn", "-q", "-B", "dependency:copy", f"-Dartifact={tool.maven}", f"-DoutputDirectory={folder}"])
     return jar
+
+
+def _found(command: str) -> Path:
+    """A program of the machine's."""
+    found = shutil.which(command)
+    if found is None:
+        raise Missing(f"{command} is not on the path")
+    return Path(found)
 
 
 def _compiled(tool: Tool, base: Path) -> Path:

@@ -12,7 +12,7 @@ class Tool(NamedTuple):
     drivers/, or None where there is none yet; inputs: how the held inputs reach the FMU; debian: libraries that the packages
     lack; maven: an artifact that the driver calls; limit: why it cannot be had or refuses an FMU, as far as
     that was found out; fmus: which it is tried with, see scenario.PACK; limits: as limit, by those; crate: of crates.io, a
-    program."""
+    program; command: a program that must be on the path."""
 
     name: str
     packages: tuple[str, ...]
@@ -24,6 +24,7 @@ class Tool(NamedTuple):
     fmus: tuple[str, ...] = ("native", "python")
     limits: Mapping[str, str] = MappingProxyType({})
     crate: str = ""
+    command: str = ""
 
     def why_not(self, fmu: str) -> str:
         return self.limits.get(fmu, "") or self.limit
@@ -100,6 +101,16 @@ TOOLS = (
         fmus=("native", ME, THREE, THREE_ME),
         limits=SIM,
         crate="fmi-sim==0.7.0",
+    ),
+    Tool(
+        "fmusim",
+        (),
+        "fmusim",
+        "from a CSV file",
+        limit="it is in no registry; its sources are github.com/modelica/fmusim",
+        fmus=("native", ME, THREE, THREE_ME),
+        limits={THREE_ME: "of model exchange it looks for the instance before it has stored it"},
+        command="fmusim",
     ),
     Tool("PyFMI", ("PyFMI",), limit="no wheel on PyPI; a build from source needs FMI Library, which Debian has not"),
     Tool("OMSimulator", ("OMSimulator",), limit="no wheel on PyPI; its set-up downloads from build.openmodelica.org"),
