@@ -23,6 +23,7 @@ PAGES = (
     "speed.fmu_speed",
     "speed.growth",
     "speed.method_choice",
+    "speed.real_time",
     "speed.scene_costs",
     "speed.speed",
     "speed.unused_parts",

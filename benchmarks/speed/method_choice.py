@@ -2,7 +2,7 @@
 docs/method_choice.json and docs/method-choice.md, in about half an hour.
 
 Every cell is run by `dop853`, `rodas5p`, `radau9` and `auto` in turns, in one process.  What counts is the least processor time
-of the kernel's steps; the ratio of a cell is that of `auto` over the best of the three.
+of the kernel's steps; the ratio of a cell is that of `auto` over the best of the four.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tensegrity_core.native import build
 
 from .method_choice_cells import Cell, anywhere, built, drawn, every, ladders
 
-BASE = ("dop853", "rodas5p", "radau9")
+BASE = ("dop853", "rodas5p", "radau9", "dopri5")
 METHODS = (*BASE, "auto")
 #: Cells of each kind, and seeds.
 DRAWN, ANYWHERE, SEEDS = 360, 240, (2026, 1128)
@@ -54,6 +54,10 @@ def runner(folder: Path) -> Callable:
     return run
 
 
+def functions_of(kernel: Kernel) -> Functions:
+    return Functions(*(cast(getattr(kernel._library, f"ts_{name}"), c_void_p) for name, _ in Functions._fields_))
+
+
 def measure(run: Callable, cell: Cell, rounds: int, most: float = MOST) -> dict:
     """seconds: least processor time of each method that ended, s; stats: what it did; failed: why others did not."""
     model, steps, rows = built(cell)
@@ -61,7 +65,7 @@ def measure(run: Callable, cell: Cell, rounds: int, most: float = MOST) -> dict:
     stats, failed, kernels = {}, {}, {}
     for method in METHODS:
         kernel = kernels[method] = Kernel(model, method=method, tolerance=cell.tolerance)
-    functions = Functions(*(cast(getattr(kernel._library, f"ts_{name}"), c_void_p) for name, _ in Functions._fields_))
+    functions = functions_of(kernel)
     for n in range(rounds):
         for method, kernel in kernels.items():
             if method in failed or (n >= 2 and sum(map(sum, seconds.values())) > SHORT):
