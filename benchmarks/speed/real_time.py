@@ -256,7 +256,7 @@ def quantile(histogram: list[list[int]], part: float) -> float:
 
 def draw_worst(result: dict) -> Figure:
     """Histograms: light, as the clock had them; dark, each step in the run that disturbed it least."""
-    figure = new_figure(9.0, 4.6)
+    figure = new_figure(7.6, 3.8)
     panels = figure.subplots(len(WORST), len(TARGETS), sharex=True, squeeze=False)
     for row in result["worst"]:
         axes = panels[[w[0] for w in WORST].index(row["method"]), list(TARGETS).index(row["scene"])]
@@ -273,23 +273,23 @@ def draw_worst(result: dict) -> Figure:
 
 
 def draw_tolerances(result: dict) -> Figure:
-    """Error and time over the tolerance, one line a cell."""
-    figure = new_figure(9.0, 3.4)
+    """Errors and times over the tolerance: for each damping the largest of its cells, and their median."""
+    figure = new_figure(7.6, 2.8)
     errors, times = figure.subplots(1, 2)
-    cells = defaultdict(list)
-    for row in result["chart"]:
-        cells[cell(row)].append(row)
-    for (_scene, damping, _step), rows in cells.items():
-        x = [row["tolerance"] for row in rows]
-        colour = COLOURS[1 + DAMPINGS.index(damping)]
-        errors.plot(x, [max(row["error"], 1e-16) for row in rows], color=colour, linewidth=0.7)
-        times.plot(x, [1e6 * row["seconds"] / (1e3 * row["step"]) for row in rows], color=colour, linewidth=0.7)
+    x = sorted({row["tolerance"] for row in result["chart"]})
     for damping, colour in zip(DAMPINGS, COLOURS[1:]):
-        errors.plot([], [], color=colour, label=f"d = {damping:g} N s/m")
+        rows = [[row for row in result["chart"] if (row["damping"], row["tolerance"]) == (damping, t)] for t in x]
+        for axes, values in ((errors, [[r["error"] for r in some] for some in rows]),
+                             (times, [[1e3 * r["seconds"] / r["step"] for r in some] for some in rows])):  # fmt: skip
+            axes.plot(x, [max(some) for some in values], color=colour, label=f"d = {damping:g} N s/m, largest")
+            axes.plot(x, [np.median(some) for some in values], color=colour, linestyle="--", label="median")
     errors.axhline(1e-7, color=COLOURS[0], linewidth=0.8, linestyle=":")
-    errors.set(xscale="log", yscale="log", xlabel="tolerance", ylabel="m", title="largest error of a position")
-    times.set(xscale="log", yscale="log", xlabel="tolerance", ylabel="µs per ms", title="processor time")
-    errors.legend(frameon=False)
+    errors.set(title="largest error of a position", ylabel="m")
+    times.set(title="processor time per simulated ms", ylabel="µs")
+    for axes in (errors, times):
+        axes.set(xscale="log", yscale="log", xlabel="tolerance")
+        axes.minorticks_off()
+    errors.legend(frameon=False, fontsize=6)
     return figure
 
 

@@ -92,6 +92,22 @@ def test_auto_goes_back_to_long_steps_when_inputs_stay():
     assert kernel.stats["steps"] - before < 500
 
 
+def test_a_trial_of_short_steps_ends_where_inputs_stay():
+    """Whenever the inputs cease to change, in a trial or not, steps pass communication points at once."""
+    for count in range(1, 60):
+        kernel = Kernel(scene("three_bar_nsh"), method="auto", tolerance=1e-4)
+        kernel.initialize()
+        for row in signals("three_bar_nsh")[:count]:
+            kernel.values[: len(row)] = row
+            kernel.step(STEP)
+        kernel["rest_length_rate"][:] = 0.0
+        kernel.step(STEP)
+        before = kernel.stats["steps"]
+        for _ in range(100):
+            kernel.step(1e-4)
+        assert kernel.stats["steps"] - before < 40, count
+
+
 @pytest.mark.parametrize("name, tolerance", [("three_bar_nsh", 1e-4), ("three_bar_nsh", 1e-8), ("six_bar_nsh", 1e-5)])
 def test_saved_states_repeat_the_choice_to_the_last_bit(name, tolerance):
     straight, kernel = driven(name, "auto", tolerance)

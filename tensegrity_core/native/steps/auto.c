@@ -192,13 +192,17 @@ static double hoped_short(const ts_sim *sim, double h)
 }
 
 /* Two explicit methods: dopri5 where steps have to be short, as communication points with other inputs lie close together, if that
- * is cheaper.  Returns whether the other one is in use now. */
+ * is cheaper.  Returns whether the choice between the two is under way, or has just been made. */
 static int review_base(ts_sim *sim, double h)
 {
     ts_choice *c = &sim->memory.choice;
     int other = LONG + SHORT - c->base, ahead = sim->call.may_run_ahead;
     if (ahead && c->base == SHORT) {
         change_base(&sim->memory, LONG, fmax(c->natural[LONG], h), 0);
+        return 1;
+    }
+    if (c->rival >= 0) {
+        judge_base(sim);
         return 1;
     }
     if (ahead || !due(c, OF_BASE, 1.0) || !(c->trial_time >= WHOLE_CALLS * sim->call.length)) return 0;
@@ -218,10 +222,6 @@ static int review_base(ts_sim *sim, double h)
 static void review_explicit(ts_sim *sim, double h)
 {
     ts_choice *c = &sim->memory.choice;
-    if (c->rival >= 0) {
-        judge_base(sim);
-        return;
-    }
     if (review_base(sim, h)) return;
     int place = choose_implicit(sim, h);
     double cost = cost_of(sim, place) * (c->h_lambda < CALM ? CALMER : 1.0);
