@@ -3,14 +3,15 @@
  *   real_time LIBRARY GUID RESOURCES SIGNALS OUTPUTS INPUTS FIRST_OUTPUT REALS METHOD_AT METHOD TOLERANCE_AT TOLERANCE
  *             STEP COUNT RUNS EACH
  *
- * LIBRARY, GUID, RESOURCES: of the FMU; SIGNALS: a file of rows of INPUTS doubles, taken in turn; OUTPUTS: a file to write all
- * outputs to, one row for each of SIGNALS, "-": none; FIRST_OUTPUT, REALS: where outputs begin and reals end; METHOD_AT, METHOD,
- * TOLERANCE_AT, TOLERANCE: references and values of the solver's parameters; STEP: s; COUNT: steps of a run; RUNS: the same
- * again, from the start; EACH: whether steps are timed one by one.
+ * LIBRARY, GUID, RESOURCES: of the FMU; SIGNALS: a file of rows of INPUTS doubles, taken in turn; OUTPUTS: a file to write
+ * all outputs to, one row for each of SIGNALS, "-": none; FIRST_OUTPUT, REALS: where outputs begin and reals end; METHOD_AT,
+ * METHOD, TOLERANCE_AT, TOLERANCE: references and values of the solver's parameters; STEP: s; COUNT: steps of a run; RUNS:
+ * the same again, from the start; EACH: whether steps are timed one by one.
  *
- * A step sets all inputs, calls fmi2DoStep and reads all outputs.  "run s": processor time of a run; "first BIN n", "least BIN n":
- * how many steps took from 10^(BIN/20) ns on, by the wall clock, in the first run, and each in the run that disturbed it least;
- * "first_worst ns", "least_worst ns"; "allocations n": calls that took memory, during all runs but the first; "stack n": bytes that a run's deepest call took. */
+ * A step sets all inputs, calls fmi2DoStep and reads all outputs.  "run s": processor time of a run; "first BIN n" and
+ * "least BIN n": how many steps took from 10^(BIN/20) ns on, by the wall clock, in the first run, and each in the run that
+ * disturbed it least; "first_worst ns", "least_worst ns"; "allocations n": calls that took memory, during all runs but the
+ * first; "stack n": bytes that a run's deepest call took. */
 #define _GNU_SOURCE
 #include "../harness/clock.h"
 

@@ -256,7 +256,7 @@ def quantile(histogram: list[list[int]], part: float) -> float:
 
 def draw_worst(result: dict) -> Figure:
     """Histograms: light, as the clock had them; dark, each step in the run that disturbed it least."""
-    figure = new_figure(7.6, 3.8)
+    figure = new_figure(6.0, 3.2)
     panels = figure.subplots(len(WORST), len(TARGETS), sharex=True, squeeze=False)
     for row in result["worst"]:
         axes = panels[[w[0] for w in WORST].index(row["method"]), list(TARGETS).index(row["scene"])]
@@ -267,29 +267,25 @@ def draw_worst(result: dict) -> Figure:
                      color=colour, alpha=0.7, label=label)  # fmt: skip
         axes.axvline(1e6 * STEP, color=COLOURS[1], linewidth=1.0)
         axes.set(xscale="log", yscale="log", title=f"{row['scene']}, {row['method']}", xlabel="µs per step", ylabel="steps")
-        axes.legend(frameon=False)
+        axes.label_outer()
         axes.minorticks_off()
+    panels[0, 0].legend(frameon=False, fontsize=6)
     return figure
 
 
 def draw_tolerances(result: dict) -> Figure:
-    """Errors and times over the tolerance: for each damping the largest of its cells, and their median."""
-    figure = new_figure(7.6, 2.8)
-    errors, times = figure.subplots(1, 2)
+    """Errors over the tolerance: for each damping the largest of its cells, and their median."""
+    figure = new_figure(3.4, 2.1)
+    axes = figure.subplots()
     x = sorted({row["tolerance"] for row in result["chart"]})
     for damping, colour in zip(DAMPINGS, COLOURS[1:]):
-        rows = [[row for row in result["chart"] if (row["damping"], row["tolerance"]) == (damping, t)] for t in x]
-        for axes, values in ((errors, [[r["error"] for r in some] for some in rows]),
-                             (times, [[1e3 * r["seconds"] / r["step"] for r in some] for some in rows])):  # fmt: skip
-            axes.plot(x, [max(some) for some in values], color=colour, label=f"d = {damping:g} N s/m, largest")
-            axes.plot(x, [np.median(some) for some in values], color=colour, linestyle="--", label="median")
-    errors.axhline(1e-7, color=COLOURS[0], linewidth=0.8, linestyle=":")
-    errors.set(title="largest error of a position", ylabel="m")
-    times.set(title="processor time per simulated ms", ylabel="µs")
-    for axes in (errors, times):
-        axes.set(xscale="log", yscale="log", xlabel="tolerance")
-        axes.minorticks_off()
-    errors.legend(frameon=False, fontsize=6)
+        found = [[r["error"] for r in result["chart"] if (r["damping"], r["tolerance"]) == (damping, t)] for t in x]
+        axes.plot(x, [max(some) for some in found], color=colour, label=f"d = {damping:g} N s/m, largest")
+        axes.plot(x, [np.median(some) for some in found], color=colour, linestyle="--", label="median")
+    axes.axhline(1e-7, color=COLOURS[0], linewidth=0.8, linestyle=":")
+    axes.set(xscale="log", yscale="log", xlabel="tolerance", ylabel="error of a position, m")
+    axes.minorticks_off()
+    axes.legend(frameon=False, fontsize=6)
     return figure
 
 
