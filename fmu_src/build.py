@@ -72,10 +72,9 @@ def build(
     from . import builds
 
     runtime, naming = one_of("--runtime", runtime, RUNTIMES), one_of("--naming", naming, NAMINGS)
-    native = kind != "cs" or fmi != "2.0" or no_binaries
     options = builds.Options(
         scenes=(*(builtin_scenes() if all else ()), *(scenes or ())),
-        runtimes=(runtime,) if runtime != "both" else ("native",) if native else ("native", "python"),
+        runtimes=builds.runtimes(runtime, native=kind != "cs" or fmi != "2.0" or no_binaries),
         fmi=fmi,
         kind=kind,
         platforms=builds.platforms(platforms),

@@ -30,7 +30,7 @@ from .model.inputs import INPUTS, carried, require_room
 from .model.signals import Signal, driven, places, require_known, sampler
 from .output import series
 from .output.export import require_writable
-from .output.state_space import StateSpace
+from .output.state_space import StateSpace, require_tensions, row_at
 from .quantities import number
 from .scene import builtin_scenes, load_scene, parse_scene
 
@@ -249,49 +249,42 @@ def linearize(
     outputs: Iterable[str] | None = None,
     motions: bool = False,
     side: str | None = None,
+    time: float | None = None,
 ) -> StateSpace:
-    """The linear system A, B, C, D about the steady state under forces, or about the last row of a run; see
-    docs/linearization.md.
+    """The linear system A, B, C, D about the steady state under forces, or about a row of a run; see docs/linearization.md.
 
     inputs, outputs: by name, None: all; motions: inputs whose rates are inputs too become states that the rates move; side:
-    of a string at an end of its piece, 'longer' or 'shorter'.  Raises TensegrityError.
+    of a string at an end of its piece, 'longer' or 'shorter'; time: of the run's row, s, None: of the last.  Raises
+    TensegrityError.
     """
+    row = 0
     if isinstance(scene, Run):
         if forces:
             raise InputError("forces: a run has its own; leave them out")
-        model, at = scene.model, _last(scene)
+        row = row_at(scene.result.times, time, scene.model.name)
+        model, at = scene.model, _state_of(scene, row)
+    elif time is not None:
+        raise InputError(f"time = {time!r}: a steady state has none; give a run, or leave it out")
     else:
         rest = scene if isinstance(scene, Equilibrium) else equilibrium(scene, forces)
         model, at = rest.model, linearization.at_rest(rest.model, _constant(rest.model, forces))
     found = StateSpace.of(model.name, linearization.linearize(model, at, side))
     if isinstance(scene, Run):
-        _require_branches(scene, found)
+        require_tensions(found, scene.model, scene.result.elastic_force[row], scene.model.memories)
     found = found.only(inputs, outputs)
     return found.with_motions() if motions else found
 
 
-def _last(run: Run) -> linearization.State:
-    """The state and the inputs at the end of a run."""
-    model, result = run.model, run.result
+def _state_of(run: Run, row: int) -> linearization.State:
+    """The state in a row of a run, and the inputs that were held up to it; in the first row, those that follow."""
+    model, result, step = run.model, run.result, max(row - 1, 0)
     given = run.inputs.resolved(model)
-    start = {name: np.asarray(getattr(given, name), dtype=float)[-1] for name in INPUTS}
-    last = carried(start, float(result.times[-1] - result.times[-2]))
-    velocity, moving = result.velocity[-1].copy(), list(model.moving)
+    start = {name: np.asarray(getattr(given, name), dtype=float)[step] for name in INPUTS}
+    last = carried(start, float(result.times[row] - result.times[step]))
+    velocity, moving = result.velocity[row].copy(), list(model.moving)
     velocity[moving] = last["node_velocity"]
-    last["rest_length"][list(model.actuated)] = result.wound_rest_length[-1]
-    return linearization.State(result.position[-1], velocity, result.motor_speed[-1], last)
-
-
-def _require_branches(run: Run, found: StateSpace) -> None:
-    """Raises InputError where a string with memory is on another branch at the run's end than one stretched from slack."""
-    values = {quantity.name: quantity.value for quantity in found.outputs}
-    for j in run.model.memories:
-        name, tension = run.model.string_names[j], float(run.result.elastic_force[-1, j])
-        if abs(values[f"{name}.elastic_force"] - tension) > 1e-6 * max(1.0, abs(tension)):
-            raise InputError(
-                f"{name} has memory and does not stand where it would be when stretched from slack; linearise about a run that "
-                "ends on its first loading, or about a steady state"
-            )
+    last["rest_length"][list(model.actuated)] = result.wound_rest_length[row]
+    return linearization.State(result.position[row], velocity, result.motor_speed[row], last)
 
 
 def _constant(model: Model, forces: Mapping[str, float] | None) -> np.ndarray:
@@ -306,16 +299,24 @@ def _constant(model: Model, forces: Mapping[str, float] | None) -> np.ndarray:
     return driven(model, np.array([0.0, 1.0]), given).force[0]
 
 
-def build(scene: str | Path, output: str | Path = "dist", runtime: str = "both", validate: bool = False) -> dict[str, Path]:
+def build(
+    scene: str | Path,
+    output: str | Path = "dist",
+    runtime: str = "both",
+    validate: bool = False,
+    kind: str = "cs",
+    fmi: str = "2.0",
+) -> dict[str, Path]:
     """Build a scene's FMUs: runtime ("native", "python") -> file.  With `validate` they are compared with the reference, too.
 
-    Raises TensegrityError where one cannot be built, or passes a bound.
+    kind: "cs" (co-simulation), "me" (model exchange) or "both" in one FMU; fmi: "2.0" or "3.0".  Only co-simulation of FMI 2.0
+    has Python FMUs, too.  Raises TensegrityError where one cannot be built, or passes a bound.
     """
     if isinstance(scene, Model):
         raise InputError(f"{scene.name}: FMUs are built of a scene; give its name or file, not its model")
     builds = importlib.import_module("fmu_src.builds")
-    runtimes = ("native", "python") if runtime == "both" else (runtime,)
-    return builds.built(builds.Options((str(scene),), runtimes, output=Path(output), validate=validate))
+    runtimes = builds.runtimes(runtime, native=kind != "cs" or fmi != "2.0")
+    return builds.built(builds.Options((str(scene),), runtimes, fmi, kind, output=Path(output), validate=validate))
 
 
 def view(what: Scene | Run | Equilibrium, output: str | Path | None = None) -> Path:

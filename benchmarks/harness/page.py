@@ -39,6 +39,8 @@ STAY = ("#", "|", "!", "<", "-", "```")
 
 #: Colours of the figures, and the marker's and the line's width in points.
 COLOURS = ("#22252e", "#d1495b", "#1b9aaa", "#edae49", "#6b705c", "#7768ae")
+#: A mark for each, so that nothing is told by colours alone.
+MARKS = "os^Dvx"
 STYLE = {
     "font.size": 8.5,
     "axes.titlesize": 9.5,

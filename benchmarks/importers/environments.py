@@ -12,6 +12,8 @@ from .tools import Tool
 
 #: Wall time after which an installation is given up, s.
 LIMIT = 600.0
+#: The same of a program that is compiled here.
+COMPILING = 3600.0
 
 
 class Missing(Exception):
@@ -20,7 +22,8 @@ class Missing(Exception):
 
 def python_of(tool: Tool, base: Path) -> Path:
     """The interpreter of an environment with the tool's packages, made at the first call.  Raises Missing."""
-    name = tool.packages[0].replace("==", "-") if tool.packages else "bare"
+    pinned = [package.replace("==", "-") for package in tool.packages if "==" in package]
+    name = "+".join(pinned or tool.packages[:1]) or "bare"
     folder = base / "environments" / name
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     if (folder / "ready").is_file():
@@ -38,6 +41,10 @@ def python_of(tool: Tool, base: Path) -> Path:
 def version_of(tool: Tool, python: Path) -> str:
     if tool.maven:
         return tool.maven.split(":")[2]
+    if tool.crate:
+        return tool.crate.split("==")[1]
+    if tool.command:
+        return _run([str(_found(tool.command)), "--version"]).split()[-1]
     package = tool.packages[0].split("==")[0]
     code = f"from importlib.metadata import version; print(version({package!r}))"
     return _run([str(python), "-c", code]).strip()
@@ -60,7 +67,11 @@ def libraries_of(tool: Tool, base: Path) -> Path | None:
 
 
 def program_of(tool: Tool, base: Path) -> Path | None:
-    """The .jar of a tool in Java; None where it has none.  Raises Missing."""
+    """The .jar of a tool in Java, the program of one in Rust; None where it has none.  Raises Missing."""
+    if tool.crate:
+        return _compiled(tool, base)
+    if tool.command:
+        return _found(tool.command)
     if not tool.maven:
         return None
     folder = base / "maven"
@@ -74,11 +85,36 @@ def program_of(tool: Tool, base: Path) -> Path | None:
     return jar
 
 
-def _run(command: list[str], folder: Path | None = None) -> str:
+def _found(command: str) -> Path:
+    """A program of the machine's."""
+    found = shutil.which(command)
+    if found is None:
+        raise Missing(f"{command} is not on the path")
+    return Path(found)
+
+
+def _compiled(tool: Tool, base: Path) -> Path:
+    """A crate's program.  Its bindings are made with libclang, which the tool's packages bring; the headers are GCC's."""
+    name, version = tool.crate.split("==")
+    program = base / "cargo" / "bin" / name
+    if program.is_file():
+        return program
+    for needed in ("cargo", "gcc"):
+        if not shutil.which(needed):
+            raise Missing(f"needs {needed}")
+    (clang,) = {path.parent for path in (base / "environments").glob("libclang-*/lib/**/libclang.so")}
+    headers = _run(["gcc", "-print-file-name=include"]).strip()
+    added = {"LIBCLANG_PATH": str(clang), "BINDGEN_EXTRA_CLANG_ARGS": f"-I{headers}"}
+    _run(["cargo", "install", name, "--version", version, "--root", str(base / "cargo"), "--debug"], None, added, COMPILING)
+    return program
+
+
+def _run(command: list[str], folder: Path | None = None, added: dict[str, str] | None = None, limit: float = LIMIT) -> str:
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LIMIT)
+        surroundings = os.environ | (added or {})
+        done = subprocess.run(command, cwd=folder, env=surroundings, capture_output=True, text=True, timeout=limit)
     except subprocess.TimeoutExpired:
-        raise Missing(f"{Path(command[0]).name} did not end within {LIMIT:g} s") from None
+        raise Missing(f"{Path(command[0]).name} did not end within {limit:g} s") from None
     if done.returncode:
         raise Missing(last_words(done.stdout + done.stderr))
     return done.stdout

@@ -22,11 +22,13 @@ from tensegrity_core.files import scratch, write_text
 from tensegrity_core.model import Model
 
 from . import environments, scenario
-from .tools import COUPLED, TOOLS, Tool
+from .tools import COUPLED, ME, THREE, THREE_ME, TOOLS, Tool
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 BASE = ROOT / "build" / "importers"
 DRIVERS = Path(__file__).resolve().parent / "drivers"
+#: Native FMUs by standard and kind.
+KINDS = ("native", ME, THREE, THREE_ME)
 #: Wall time of one run, s.
 LIMIT = 300.0
 
@@ -76,7 +78,7 @@ def outcome(command: list[str], folder: Path, libraries: Path | None, expected: 
 def judged(found: dict, expected: Expected, after: str) -> dict:
     """Outcome of a run; found: see drivers/job.py; after: what happened once it was over."""
     if not found["rows"]:
-        return {"outcome": "passed", "why": after}
+        return {"outcome": "passed", "why": after or found["note"]}
     axes, theirs = list(expected.model.axes), np.array(found["rows"])
     ours = [positions[found["first"] :, :, axes] for positions in (expected.reference, expected.kernel)]
     if theirs.size != ours[0].size:
@@ -96,9 +98,10 @@ def measure(chosen: list[Tool]) -> list[dict]:
     for tool in chosen:
         refused = set()
         for runtime, fmu in fmus.items():
-            if runtime in map(scenario.SIMPLE, scenario.PACK) and runtime not in map(scenario.SIMPLE, refused):
+            simple = runtime in map(scenario.SIMPLE, scenario.PACK)
+            if runtime not in (map(scenario.SIMPLE, refused) if simple else tool.fmus):
                 continue
-            row = {"tool": tool.name, "runtime": runtime, "inputs": tool.inputs, "limit": tool.limit}
+            row = {"tool": tool.name, "runtime": runtime, "inputs": tool.inputs, "limit": tool.why_not(runtime)}
             row |= one(tool, fmu, source, expected)
             rows.append(row)
             refused |= {runtime} if row["outcome"] == "refused" else set()
@@ -113,7 +116,23 @@ def collect() -> dict:
 def report(data: dict) -> str:
     """docs/importers.md."""
     ways = {row["tool"]: row["inputs"] for row in data["rows"] if row["inputs"]}
-    return rendered("importers/page", **data, bound=scenario.POSITION_BOUND, ways=ways, remark=remark)
+    found = {"bound": scenario.POSITION_BOUND, "ways": ways, "remark": remark, "matrix": matrix(data["rows"])}
+    return rendered("importers/page", **data, **found)
+
+
+def matrix(rows: list[dict]) -> dict[str, list[str]]:
+    """By tool that was there: how the native FMUs of each standard and kind fared."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if row["outcome"] not in ("not installed", "not run"):
+            found.setdefault(row["tool"], ["–"] * len(KINDS))
+            runtime = row["runtime"].removesuffix(", simple types")
+            if runtime in KINDS and found[row["tool"]][KINDS.index(runtime)] in ("–", "refused"):
+                deviation = f"{row['deviation']:.1e} m" if row.get("deviation") is not None else ""
+                simple = ", simple types" if runtime != row["runtime"] else ""
+                shown = (deviation or "passed") if row["outcome"] == "passed" else f"{row['outcome']} {deviation}".strip()
+                found[row["tool"]][KINDS.index(runtime)] = shown + simple
+    return found
 
 
 def remark(row: dict) -> str:
@@ -121,7 +140,7 @@ def remark(row: dict) -> str:
     said = row["why"].replace("|", "/").replace("<", "&lt;")
     if row["outcome"] in ("refused", "not installed"):
         return f"{row['limit']}: “{said}”" if row["limit"] else f"“{said}”"
-    return said
+    return row["limit"] if row["outcome"] == "differs" else said
 
 
 PAGE = Page(__doc__, "importers", collect, report)

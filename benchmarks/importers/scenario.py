@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from fmpy import read_model_description
 
 from fmu_src.packing.libraries import here
 from fmu_src.packing.native_fmu import pack_native_fmu
@@ -14,6 +15,7 @@ from fmu_src.packing.pack import pack_python_fmu, write_zip
 from fmu_src.validation.reference_cache import cached, reference_key
 from fmu_src.validation.scenarios import LIFT, pushed_node
 from fmu_src.validation.validate import CACHE, SETTINGS
+from fmu_src.variables.arrays import wholes
 from fmu_src.variables.interface import variables
 from tensegrity_core import kernel, reference
 from tensegrity_core.article.experiments import top_nodes
@@ -21,6 +23,8 @@ from tensegrity_core.model import Inputs, Model, grid, held
 from tensegrity_core.native import build
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
+
+from .tools import ME, THREE, THREE_ME
 
 HERE = Path(__file__).resolve().parent
 SCENE = "three_bar_nsh"
@@ -35,6 +39,9 @@ PACK = {
     SIMPLE("native"): partial(pack_native_fmu, simple=True),
     "python": pack_python_fmu,
     SIMPLE("python"): partial(pack_python_fmu, simple=True),
+    ME: partial(pack_native_fmu, kind="me"),
+    THREE: partial(pack_native_fmu, standard="3.0"),
+    THREE_ME: partial(pack_native_fmu, standard="3.0", kind="me"),
 }
 SOURCE = "square_wave"
 #: What the page says of it.
@@ -76,8 +83,11 @@ def job(model: Model, fmu: Path, source: Path, folder: Path) -> dict:
     table = variables(model)
     pushed, moved = pushed_node(model), inputs(model)
     lifted = [i for i in top_nodes(model) if i != pushed]
+    described = read_model_description(str(fmu))
     return {
         "fmu": str(fmu),
+        "standard": described.fmiVersion,
+        "kind": "cs" if described.coSimulation else "me",
         "source": str(source),
         "source_outputs": {"wave": 0, "lift1": 1, "lift2": 2},
         "step": STEP,
@@ -85,10 +95,20 @@ def job(model: Model, fmu: Path, source: Path, folder: Path) -> dict:
         "wave": f"{model.node_names[pushed]}.force.z",
         "values": moved.force[:, pushed, 2].tolist(),
         "outputs": [row.name for row in table if row.field == "position"],
-        "references": {row.name: row.reference for row in table},
+        "references": {variable.name: variable.valueReference for variable in described.modelVariables},
+        "arrays": arrays(model) if described.fmiVersion == "3.0" else {},
         "starts": {row.name: row.start for row in table if row.causality == "input"},
         "folder": str(folder),
     }
+
+
+def arrays(model: Model) -> dict[str, tuple[str, int, int]]:
+    """Of the elements of FMI 3.0's arrays: the array's name, the place in it and its size."""
+    found = {}
+    for whole in wholes(variables(model)):
+        for place, row in enumerate(whole.rows if whole.is_array else ()):
+            found[row.name] = (whole.name, place, len(whole.rows))
+    return found
 
 
 def pack_source(destination: Path) -> Path:

@@ -54,6 +54,10 @@ def runner(folder: Path) -> Callable:
     return run
 
 
+def functions_of(kernel: Kernel) -> Functions:
+    return Functions(*(cast(getattr(kernel._library, f"ts_{name}"), c_void_p) for name, _ in Functions._fields_))
+
+
 def measure(run: Callable, cell: Cell, rounds: int, most: float = MOST) -> dict:
     """seconds: least processor time of each method that ended, s; stats: what it did; failed: why others did not."""
     model, steps, rows = built(cell)
@@ -61,7 +65,7 @@ def measure(run: Callable, cell: Cell, rounds: int, most: float = MOST) -> dict:
     stats, failed, kernels = {}, {}, {}
     for method in METHODS:
         kernel = kernels[method] = Kernel(model, method=method, tolerance=cell.tolerance)
-    functions = Functions(*(cast(getattr(kernel._library, f"ts_{name}"), c_void_p) for name, _ in Functions._fields_))
+    functions = functions_of(kernel)
     for n in range(rounds):
         for method, kernel in kernels.items():
             if method in failed or (n >= 2 and sum(map(sum, seconds.values())) > SHORT):

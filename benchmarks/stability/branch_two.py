@@ -355,7 +355,7 @@ def _draw_winding(ax, rows) -> None:
         ax.plot(1e3 * common.numbers(row["u"]), row["load"], mark, color=colour, label=f"k_s = {row['ratio']:g} κ")
         if row["jump"]:
             leaves, load, lands, after = row["jump"]
-            ax.plot([1e3 * leaves, 1e3 * lands], [load, after], color=colour, lw=0.9, label="theory: slope −k_s")
+            ax.plot([1e3 * leaves, 1e3 * lands], [load, after], color=colour, lw=0.9, ls="--", label="theory: slope −k_s")
     ax.set(xlabel="u, mm", ylabel="tension of the winding string, N", title="Winding in: path")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
 

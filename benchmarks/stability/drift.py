@@ -294,9 +294,9 @@ def draw(data: dict) -> Figure:
 
 
 def _draw_histories(ax, rows) -> None:
-    for row, colour in zip(rows, common.COLOURS):
+    for row, colour, mark in zip(rows, common.COLOURS, common.MARKS):
         error = np.maximum(common.numbers(row["error"]), ROUND_OFF)
-        ax.plot(row["times"], error, ".", ms=2.6, color=colour, label=row["label"])
+        ax.plot(row["times"], error, mark, ms=2.2, mew=0.6, color=colour, label=row["label"])
     ax.set(yscale="log", ylim=(5e-18, 1.0), xlabel="time, s", ylabel="largest |e| / l²")
 
 
@@ -315,7 +315,7 @@ def _draw_settled(ax, data) -> None:
     shown = common.numbers(linear["times"]) <= 6.0
     label = f"|b|², started with e' = {rate:.0e} l²/s"
     times, error = common.numbers(linear["times"])[shown], common.numbers(linear["error"])[shown]
-    ax.plot(times, error, "x", ms=4, color="#8d99ae", label=label)
+    ax.plot(times, error, "+", ms=4, color="#8d99ae", label=label)
     ax.plot(t, e0 + rate * t, color="#8d99ae", lw=0.9)
     ax.set(xlim=(0.0, 6.0), title="three_bar at rest; slopes √(24P/ml), √(6P/ml)")
     ax.legend(handles=ax.lines[-2:-1], loc="lower right")

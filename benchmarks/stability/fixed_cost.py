@@ -187,9 +187,9 @@ def _draw_errors(figure, ax, rows, step: float) -> None:
 
 
 def _draw_over_step(ax, rows) -> None:
-    for row, colour in zip(rows, common.COLOURS):
+    for row, colour, mark in zip(rows, common.COLOURS, common.MARKS):
         h, e = common.numbers(row["steps"]), common.numbers(row["errors"])
-        ax.plot(h, e, "o", color=colour, label=f"d = {row['damping']:g}, order {row['order']:.2f} up to 1 ms")
+        ax.plot(h, e, mark, color=colour, label=f"d = {row['damping']:g}, order {row['order']:.2f} up to 1 ms")
         ax.plot(h, e[-1] * (h / h[-1]) ** 2, color=colour, lw=0.9)
     ax.set(
         xscale="log",
@@ -203,8 +203,9 @@ def _draw_over_step(ax, rows) -> None:
 
 def _draw_histories(ax, data: dict) -> None:
     damping, stiffness = HISTORY[1:]
-    for row, colour in zip(data["histories"], common.COLOURS[1:]):
-        ax.plot(row["times"], common.numbers(row["gain"]), ".-", lw=0.7, ms=3, color=colour, label=f"{1e3 * row['step']:g} ms")
+    for row, colour, mark in zip(data["histories"], common.COLOURS[1:], common.MARKS):
+        label = f"{1e3 * row['step']:g} ms"
+        ax.plot(row["times"], common.numbers(row["gain"]), f"{mark}-", lw=0.7, ms=2.5, color=colour, label=label)
     ax.axhline(data["histories"][0]["exact"], color=common.COLOURS[0], ls=":", label="largest kinetic energy, exact motion")
     ax.set(
         xlabel="time, s",

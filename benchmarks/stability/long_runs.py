@@ -224,7 +224,9 @@ def measure() -> dict:
 # ---------------------------------------------------------------------------------------------------------------- figure
 
 COLOUR = dict(zip(("rk4", "ros2", "dop853", "rodas5p", "radau9"), common.COLOURS))
-MARKERS = "osDv"
+MARK = dict(zip(COLOUR, common.MARKS))
+#: Of the marks of a method's first run, its second ...
+FILLS = ("full", "none", "left", "bottom")
 
 
 def label(run: dict) -> str:
@@ -237,7 +239,7 @@ def draw_errors(axes, runs: list[dict], name: str) -> None:
     for run in runs:
         nth = seen[run["method"]] = seen.get(run["method"], -1) + 1
         colour, errors = COLOUR[run["method"]], np.abs(common.numbers(run[name]))
-        mark = {"marker": MARKERS[nth], "ls": "", "ms": 2.5, "mfc": "none" if nth else colour, "mew": 0.7}
+        mark = {"marker": MARK[run["method"]], "ls": "", "ms": 2.5, "fillstyle": FILLS[nth], "mew": 0.7}
         axes.plot(run["periods"], errors, color=colour, label=label(run), rasterized=True, zorder=3, **mark)
         if name == "energy" and "theory" in run:
             axes.plot(run["periods"], np.abs(common.numbers(run["theory"])), color=colour, lw=0.9, zorder=2.5)

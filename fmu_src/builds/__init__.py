@@ -1,7 +1,7 @@
 """Builds FMUs of scenes, validates them against the reference, and says how it went."""
 
 from ..validation.validate import CACHE
-from .options import Options, platforms
+from .options import Options, platforms, runtimes
 from .run import built, make
 
-__all__ = ["CACHE", "Options", "built", "make", "platforms"]
+__all__ = ["CACHE", "Options", "built", "make", "platforms", "runtimes"]

@@ -102,6 +102,13 @@ class Options:
         return name if self.fmi == "2.0" else f"{name}, FMI {self.fmi}"
 
 
+def runtimes(name: str, native: bool) -> tuple[str, ...]:
+    """What a name comes to, "both" too.  native: what is asked for is there in the native runtime only."""
+    if name != "both":
+        return (name,)
+    return ("native",) if native else ("native", "python")
+
+
 def platforms(text: str) -> tuple[str, ...]:
     """Keys of TARGETS out of what follows --platforms, which may be FMI 3.0's names, too.  Raises InputError."""
     names = tuple(name for name in map(str.strip, text.split(",")) if name)

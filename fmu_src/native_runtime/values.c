@@ -7,6 +7,17 @@
 
 #define STATES_IN_BLOCK 2 /* states that are outputs: the integrals of the energy ledger */
 
+/* Are all of these scalars among the kernel's reals, as most are?  Then there is nothing to look up. */
+static int plain(const instance *fmu, const uint32_t vr[], size_t n, const void *values, size_t n_values)
+{
+    const uint32_t reals = (uint32_t)fmu->table.reals;
+    const int32_t *span = fmu->table.span;
+    if (n != n_values || !n || !vr || !values) return 0;
+    for (size_t i = 0; i < n; i++)
+        if (vr[i] >= reals || span[vr[i]] != 1) return 0;
+    return 1;
+}
+
 /* ------------------------------------------------------------------------------------------------------------- reading */
 
 /* What of the view these references need, see fmu_view(). */
@@ -74,17 +85,13 @@ static fmu_range readable(const instance *fmu)
 
 fmu_status fmu_get_reals(instance *fmu, const char *what, const uint32_t vr[], size_t n, double value[], size_t n_values)
 {
-    fmu_status status = fmu_look_up(fmu, what, vr, n, value, n_values, readable(fmu));
+    const int scalars = plain(fmu, vr, n, value, n_values);
+    fmu_status status = scalars ? FMU_OK : fmu_look_up(fmu, what, vr, n, value, n_values, readable(fmu));
     if (status == FMU_OK) status = look(fmu, vr, n, what);
     if (status != FMU_OK) return status;
-    const uint32_t reals = (uint32_t)fmu->table.reals;
-    for (size_t i = 0; i < n; i++) {
-        const uint32_t span = (uint32_t)fmu_span(fmu, vr[i]);
-        if (vr[i] < reals) /* most are */
-            for (uint32_t k = 0; k < span; k++) *value++ = fmu->values[vr[i] + k];
-        else
-            for (uint32_t k = 0; k < span; k++) *value++ = number_at(fmu, vr[i] + k);
-    }
+    for (size_t i = 0; i < n && scalars; i++) value[i] = fmu->values[vr[i]];
+    for (size_t i = 0; i < n && !scalars; i++)
+        for (uint32_t k = 0, span = (uint32_t)fmu_span(fmu, vr[i]); k < span; k++) *value++ = number_at(fmu, vr[i] + k);
     return FMU_OK;
 }
 
@@ -187,10 +194,25 @@ static fmu_status judge_real(const instance *fmu, const char *what, uint32_t vr,
     return FMU_DISCARD;
 }
 
+/* Where a host does not integrate: may scalars that are plain() all take their values? */
+static int all_can_be_set(const instance *fmu, const uint32_t vr[], size_t n, const double value[])
+{
+    const variable_table *t = &fmu->table;
+    const int modes = fmu->mode == MODE_EVENT ? MODE_STEPPING : fmu->mode;
+    for (size_t i = 0; i < n; i++)
+        if (!(t->settable[vr[i]] & modes) || !accepts(t, vr[i], value[i])) return 0;
+    return 1;
+}
+
 fmu_status fmu_set_reals(instance *fmu, const char *what, const uint32_t vr[], size_t n, const double value[], size_t n_values)
 {
     const double *given = value;
     int states = 0;
+    if (fmu->mode != MODE_CONTINUOUS && plain(fmu, vr, n, value, n_values) && all_can_be_set(fmu, vr, n, value)) {
+        for (size_t i = 0; i < n; i++) fmu->values[vr[i]] = value[i];
+        note_early(fmu, vr, n);
+        return FMU_OK;
+    }
     fmu_status status = fmu_look_up(fmu, what, vr, n, value, n_values, writable(fmu));
     for (size_t i = 0; status == FMU_OK && i < n; i++) {
         states |= state_at(fmu, vr[i]) >= 0;

@@ -39,6 +39,10 @@ PYTHONFMU = Path(pythonfmu.__file__).parent
 #: Modules of pythonfmu that a slave needs.
 PYTHONFMU_MODULES = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
 
+#: What is proposed to the solver of a host that integrates. fmpy's CVODE was within 1e-6 m of co-simulation then, on the six
+#: scenes under loads that jump; at 1e-10 it is slow at rest, and gives up where outputs lie 50 ms apart.
+EXCHANGE_TOLERANCE = 1e-8
+
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -109,7 +113,7 @@ def complete(
 ) -> str:
     """Add what every FMU has: description, icon, documentation, licence.  page: the model's live page, which goes into the
     documentation; None: it has none.  Returns the GUID, a hash of `files` as they were and of the description."""
-    tolerance = float(Kernel(model)["tolerance"][0])
+    tolerance = EXCHANGE_TOLERANCE if runtime.kind == "me" else float(Kernel(model)["tolerance"][0])
     version, fmi3 = tensegrity_core.__version__, runtime.standard == "3.0"
 
     def description(guid: str) -> bytes:

@@ -159,6 +159,8 @@ class _Strings:
         self.k_elastic = self.k.copy()
         if model.damping_law == "tension_only":
             pulls = self.tension >= 0.0
+            for j in np.flatnonzero(~pulls).tolist():
+                self.branch[model.string_names[j]] += ", clipped: its damper would push"
             self.tension, self.k, self.d = self.tension * pulls, self.k * pulls, self.d * pulls
 
 

@@ -47,8 +47,8 @@ class Derivatives:
         return slice(at.start + shift, at.stop + shift)
 
     def differentiable(self, known: int) -> bool:
-        """False for parameters of which a force curve is compiled, and fields without rows: derivatives by them are not provided,
-        and taken as 0."""
+        """False for parameters of which a force curve is compiled, and fields without rows: derivatives by them are not
+        provided, and taken as 0."""
         return bool(self._library.ts_differentiable(self._sim, known))
 
     def differentiated(self, unknown: int) -> bool:

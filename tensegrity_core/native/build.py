@@ -165,7 +165,8 @@ class Part(NamedTuple):
     def compiled(self, command: list[str], folder: Path) -> list[Path]:
         """Object files in a folder, each under a name that stands for all that determines it: what is there is taken."""
         headers = [path for place in self.folders for path in sorted(place.rglob("*")) if path.suffix in SOURCES - {".c"}]
-        version = subprocess.run([*command, "--version"], capture_output=True).stdout
+        asked = command[: command.index("-target")] if "-target" in command else command  # for macOS zig would leave a file
+        version = subprocess.run([*asked, "--version"], capture_output=True).stdout
         common = [" ".join([*command, *self.options]).encode(), version, *(path.read_bytes() for path in headers)]
         line = [*command, *self.options, *(f"-I{place}" for place in self.folders)]
 

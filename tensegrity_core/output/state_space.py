@@ -13,6 +13,8 @@ import numpy as np
 from ..equilibria.linearization import Linear, Quantity
 from ..errors import InputError, nearest
 from ..files import replacing, write_text
+from ..model import Model
+from ..quantities import number
 from .export import require_writable
 
 #: What an input's name has where its rate's has something else.
@@ -131,6 +133,37 @@ def write(system: StateSpace, path: str | Path) -> Path:
     with replacing(path) as file:
         io.savemat(file, arrays)
     return path
+
+
+def row_at(times: np.ndarray, time: float | None, run: str) -> int:
+    """The row of a run at a time, s; None: the last.  Raises InputError where there is none within a millionth of a step."""
+    if time is None:
+        return len(times) - 1
+    wanted = number("time", time)
+    row = int(np.argmin(np.abs(times - wanted))) if np.isfinite(wanted) else 0
+    if not abs(times[row] - wanted) <= 1e-6 * (np.diff(times).min(initial=np.inf) if len(times) > 1 else 1.0):
+        raise InputError(f"time = {wanted:g} s is no row of {run}; the next one is at {times[row]:.10g} s: give that")
+    return row
+
+
+def require_tensions(system: StateSpace, model: Model, tension: np.ndarray, strings: Iterable[int]) -> None:
+    """Raises InputError where a string pulls with another elastic tension than a run says, (S,) N: one with memory that is on
+    another branch than one stretched from slack, or one whose rest length or law was another one."""
+    values = {quantity.name: quantity.value for quantity in system.outputs}
+    for j in strings:
+        name, pulls = model.string_names[j], float(tension[j])
+        found = values[f"{name}.elastic_force"]
+        if abs(found - pulls) <= 1e-6 * max(1.0, abs(pulls)):
+            continue
+        if j in model.memories:
+            raise InputError(
+                f"{name} has memory and does not stand where it would be when stretched from slack; linearise about a run that "
+                "ends on its first loading, or about a steady state"
+            )
+        raise InputError(
+            f"{name} pulls with {pulls:.6g} N in the run, with {found:.6g} N as the scene has it: its rest length was another "
+            "one; linearise the run itself: tc.linearize(run, time=...)"
+        )
 
 
 def _places(kind: str, known: Sequence[Quantity], wanted: Iterable[str] | None, scene: str) -> list[int]:

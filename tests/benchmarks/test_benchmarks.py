@@ -13,10 +13,11 @@ from benchmarks.article import equilibrium_paths
 from benchmarks.harness import machine, problems
 from benchmarks.peers import article, native, scipy_compiled, toolchain
 from benchmarks.peers.ladder import Ladder, Run, too_long
-from benchmarks.speed import fmu_speed, growth, method_choice, scene_costs, speed, unused_parts
+from benchmarks.speed import fmu_speed, growth, method_choice, real_time, scene_costs, speed, unused_parts
 from benchmarks.work_precision import data, figures, nsh, report, targets
 from benchmarks.work_precision import run as work_precision
 from tensegrity_core import kernel
+from tensegrity_core.fields import METHODS
 from tensegrity_core.model import held
 from tests.support import scene
 
@@ -269,6 +270,37 @@ def test_the_fmus_speed_is_measured_for_every_solver(monkeypatch):
         assert tight[error] < bound < loose[error]
 
 
+def test_steps_of_every_method_take_no_memory_and_little_stack(tmp_path, monkeypatch):
+    """Of the native FMU in a C host, inputs set to other values and outputs read at each step, through snaps."""
+    monkeypatch.setattr(real_time, "SOLVERS", tuple((method, 1e-6) for method in METHODS))
+    monkeypatch.setattr(real_time, "WORST", (("auto", 1e-4), ("ros2", 1e-10)))
+    monkeypatch.setattr(real_time, "SPAN", 0.5)
+    host = real_time.Host(scene("three_bar_nsh"), "three_bar_nsh", real_time.compile_host(tmp_path), tmp_path)
+    rows = real_time.means(host, "three_bar_nsh", 2)
+    assert [row["method"] for row in rows] == list(METHODS)
+    for row in rows:
+        assert row["allocations"] in (0, None) and 500 < row["stack"] < 16384, row
+        assert row["error"] < (1e-2 if row["method"] in ("ros2", "rk4") else 1e-7), row
+    for row in real_time.worst_cases(host, "three_bar_nsh", 700, 2):
+        assert sum(count for _, count in row["first"]) == sum(count for _, count in row["least"]) == 700
+        assert row["least_worst"] <= row["first_worst"] and real_time.quantile(row["least"], 0.5) < row["least_worst"] * 1.13
+
+
+def test_real_time_s_table_of_tolerances():
+    cells = [("two_bar", 50.0, 1e-3), ("six_bar", 500.0, 1e-2)]
+    rows = [
+        {"scene": name, "damping": d, "step": step, "tolerance": tolerance, "seconds": seconds, "error": error, "force": force}
+        for (name, d, step), scale in zip(cells, (1.0, 4.0))
+        for tolerance, seconds, error, force in ((1e-8, 0.5 * scale, 1e-9 * scale, scale), (1e-10, scale, 1e-11, 0.1))
+    ]
+    loose, tight = real_time.tolerances(rows)
+    assert loose == {"tolerance": 1e-8, "time": 0.5, "median": 2.5e-9, "largest": 4e-9, "held": 0.5}
+    assert tight["time"] == 1.0 and tight["held"] == 1.0
+    assert (
+        real_time.quantile([[0, 9], [20, 1]], 0.5) == 10 ** (1 / 20) and real_time.quantile([[0, 9], [20, 1]], 1.0) == 10**1.05
+    )
+
+
 def test_steady_states_are_solved_and_waited_for():
     case = equilibrium_paths.Case("two_bar_nsh")
     case.up = case.sweep()
@@ -294,6 +326,7 @@ PAGES = [
     ("method-choice.md", "method_choice.json", lambda path: json.loads(path.read_text(encoding="utf-8")), method_choice.report),
     ("unused-parts.md", "unused_parts.json", lambda path: json.loads(path.read_text(encoding="utf-8")), unused_parts.report),
     ("speed.md", "speed.json", lambda path: json.loads(path.read_text(encoding="utf-8")), speed.report),
+    ("real-time.md", "real_time.json", lambda path: json.loads(path.read_text(encoding="utf-8")), real_time.report),
     ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text(encoding="utf-8")), fmu_speed.report),
 ]
 

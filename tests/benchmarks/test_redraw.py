@@ -43,7 +43,7 @@ def test_figures_stay_small():
     assert max(sizes) < 150_000 and sum(sizes) < 2_400_000
 
 
-@pytest.mark.parametrize("name", ["experiments", "growth", "importers"])
+@pytest.mark.parametrize("name", ["experiments", "growth", "importers", "model_exchange"])
 def test_a_page_and_its_figures_come_from_the_stored_data(name, tmp_path):
     (tmp_path / "data").symlink_to(DOCS / "data")
     (tmp_path / f"{name}.json").symlink_to(DOCS / f"{name}.json")

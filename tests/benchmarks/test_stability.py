@@ -27,6 +27,7 @@ from tensegrity_core.reference import equations, instant, structure
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 from tests.support import changed, push, same_picture, scene
+from tests.support.figures import require_told
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {"drift": drift, "maps": maps, "branch_two": branch_two, "fixed_cost": fixed_cost, "extremes": extremes}
@@ -565,7 +566,9 @@ def test_the_page_says_what_the_data_say(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_figures_are_drawn_from_the_data(name, tmp_path):
+def test_figures_are_drawn_from_the_data(name, tmp_path, monkeypatch):
+    """And tell nothing by colours alone."""
+    require_told(monkeypatch, common)
     STUDIES[name].STUDY.write(stored(name), tmp_path)
     same_picture(tmp_path / "figures" / f"stability_{name}.png", common.DOCS / "figures" / f"stability_{name}.png")
 

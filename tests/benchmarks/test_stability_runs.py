@@ -10,6 +10,7 @@ from benchmarks.peers import native, scipy_compiled
 from benchmarks.stability import long_runs, missed, order
 from tensegrity_core.kernel import Kernel
 from tests.support import same_picture
+from tests.support.figures import require_told
 
 # --- order at transitions ------------------------------------------------------------------------------------------
 
@@ -237,8 +238,9 @@ def test_the_missed_events_data_can_be_measured_again(grazing):
 
 
 @pytest.mark.parametrize("name, study", [("order", order), ("long_runs", long_runs), ("missed", missed)])
-def test_the_section_comes_from_the_stored_data(name, study, tmp_path):
+def test_the_section_comes_from_the_stored_data(name, study, tmp_path, monkeypatch):
     data = stored(name)
+    require_told(monkeypatch, common)
     study.STUDY.write(data, tmp_path)
     assert study.STUDY.section(data).strip() in (tmp_path / "stability.md").read_text(encoding="utf-8")
     assert study.STUDY.section(data).strip() in (common.DOCS / "stability.md").read_text(encoding="utf-8")

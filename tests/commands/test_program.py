@@ -43,7 +43,7 @@ def test_the_list_of_subcommands_says_what_each_one_says_of_itself(capsys):
         ("check two_bars", "Did you mean two_bar?"),
         ("check", "tensegrity check: error: Missing argument 'SCENE'; see tensegrity check --help"),
         ("check two_bar --jsn", "--json"),
-        ("simulate two_bar --method dop", "did you mean dop853?"),
+        ("simulate two_bar --method dop85", "did you mean dop853?"),
         ("simulate two_bar --step wide", "--step = 'wide': Input should be a valid number"),
         ("animate two_bar", "Missing option '--output'"),
         ("experiment V", "NAME = 'V' is not known"),

@@ -250,7 +250,7 @@ def test_transfer_functions_are_those_of_small_motions_of_the_kernel(name, load,
         steady = np.linalg.solve(1j * omega * np.eye(len(used.A)) - used.A, used.B[:, 0]) * rate
         expected = used.response(1j * omega)[:, 0] * rate
         n = len(whole.A)
-        size = 5e-8 / np.abs(whole.C[: model.nodes[:, list(model.axes)].size] @ steady[:n]).max()
+        size = 1e-7 / np.abs(whole.C[: model.nodes[:, list(model.axes)].size] @ steady[:n]).max()
         error = swung(model, force, whole, column, size, steady[:n], omega, per_period, expected)
         assert error.max() < 1e-5, (frequency, error)
 
@@ -344,6 +344,64 @@ def test_the_last_row_of_a_run():
     assert abs(whole[[q.name for q in found.outputs].index("n5.z")] - float(later["n5.z"][-1])) < 1e-6
     with pytest.raises(InputError, match="leave them out"):
         tc.linearize(run, {"n4.force.z": 1.0})
+
+
+def test_any_row_of_a_run():
+    """The same as the last row of a run that ends there."""
+    inputs = {"n4.force.z": lambda t: 300.0 * t, "s4.rest_length": lambda t: 1.64 + 0.05 * t}
+    run = tc.simulate("three_bar_nsh", inputs, duration=0.13)
+    for time in (0.07, 0.13):
+        found, alone = tc.linearize(run, time=time), tc.linearize(tc.simulate("three_bar_nsh", inputs, duration=time))
+        np.testing.assert_allclose(found.A, alone.A, rtol=0.0, atol=1e-9 * np.abs(alone.A).max())
+        for quantity in found.outputs:
+            assert quantity.value == pytest.approx(
+                float(run[quantity.name].sel(time=time, method="nearest")), rel=1e-9, abs=1e-8
+            )
+    assert {q.name: q.value for q in tc.linearize(run, time=0.0).outputs}["n4.z"] == pytest.approx(float(run["n4.z"][0]))
+    with pytest.raises(InputError, match=r"time = 0.074 s is no row .* the next one is at 0.07 s"):
+        tc.linearize(run, time=0.074)
+    with pytest.raises(InputError, match="is no row"):
+        tc.linearize(run, time=np.nan)
+    with pytest.raises(InputError, match="a steady state has none"):
+        tc.linearize("two_bar", time=1.0)
+
+
+@pytest.mark.parametrize("ending", [".nc", ".parquet", ".csv", ".npz"])
+def test_a_row_of_a_runs_file(ending, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["--duration", "0.2", "--step", "0.01", "--output", f"run@1{ending}"]
+    assert main(["simulate", "three_bar_nsh", "--force", "n4.z=45", *words]) == 0
+    expected = tc.linearize(tc.simulate("three_bar_nsh", {"n4.force.z": 45.0}, duration=0.2, step=0.01), time=0.07)
+    capsys.readouterr()
+    assert main(["linearize", "three_bar_nsh", "--at", f"run@1{ending}@0.07", "--force", "n4.z=45", "--json"]) == 0
+    np.testing.assert_allclose(json.loads(capsys.readouterr().out)["A"], expected.A, rtol=1e-9, atol=1e-6)
+    assert main(["linearize", "three_bar_nsh", "--at", f"run@1{ending}", "--force", "n4.z=45"]) == 0
+    for at, told in (
+        (f"run@1{ending}@0.074", "is no row of run@1"),
+        ("nowhere.csv@1", "nowhere.csv"),
+        (f"run@1{ending}@x", "'x'"),
+    ):
+        assert main(["linearize", "three_bar_nsh", "--at", at]) == 2
+        assert told in capsys.readouterr().err
+
+
+def test_a_run_with_other_rest_lengths_is_not_taken(tmp_path, capsys):
+    run = tc.simulate("two_bar", {"s3.rest_length": lambda t: scene("two_bar").rest_length[2] - 0.1 * t}, duration=0.1)
+    assert main(["linearize", "two_bar", "--at", str(run.save(tmp_path / "run.csv"))]) == 2
+    assert "s3 pulls with" in capsys.readouterr().err
+
+
+def test_a_clipped_string_is_named():
+    """Under tension_only the damper of a string that shortens quickly would push: its tension is 0 and stays so."""
+    model = changed(scene("two_bar"), damping=5000.0, damping_law="tension_only")
+    run = tc.simulate(model, {"n4.force.z": -60.0, "n3.force.z": -60.0}, duration=0.05, step=0.001)
+    slack = np.flatnonzero((run.result.string_force[-1] == 0.0) & (run.result.elastic_force[-1] > 0.0))
+    assert len(slack)
+    found = tc.linearize(run)
+    clipped = [name for name, branch in found.strings.items() if "clipped" in branch]
+    assert clipped == [model.string_names[j] for j in slack]
+    force = [q.name for q in found.outputs].index(f"{clipped[0]}.force")
+    assert not found.C[force].any() and "clipped" in found.summary()
 
 
 def test_inputs_that_move_are_states():

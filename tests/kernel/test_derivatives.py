@@ -3,7 +3,6 @@
 More random states than in the test, of every scene: ``python -m tests.kernel.test_derivatives 100``.
 """
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from tests.support import push, scene
 from tests.support.derivative_states import Bench
 from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, built
 from tests.support.element_scenes import STRINGS, mast
+from tests.support.words import words
 
 DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT}
 SEEN = 1e-7  # of what differences say
@@ -262,4 +262,4 @@ def main(states: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*words(__doc__, int))

@@ -55,7 +55,19 @@ def told_by_colour_alone(figure: Figure) -> list[str]:
             if label.startswith("_") or not axes.get_visible() or not len(line.get_xdata()):
                 continue
             look = (str(line._dash_pattern), line.get_linestyle(), line.get_linewidth(), str(line.get_marker()))
+            look += (line.get_fillstyle(), line.get_markerfacecolor() == "none")
             if look in looks and looks[look] != label:
                 found.append(f"{axes.get_title(loc='left') or axes.get_title()}: {looks[look]}, {label}")
             looks[look] = label
     return found
+
+
+def require_told(monkeypatch, harness) -> None:
+    """From now on the harness of the benchmarks saves no figure that tells curves apart by colour alone."""
+    save = harness.save
+
+    def checked(figure: Figure, *rest, **options) -> None:
+        assert told_by_colour_alone(figure) == []
+        save(figure, *rest, **options)
+
+    monkeypatch.setattr(harness, "save", checked)

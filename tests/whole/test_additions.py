@@ -213,6 +213,30 @@ def test_an_fmu_with_all_of_them_is_validated(tree):
     assert lines[-3:] == ["output m 7", "True True True", "input True True"], lines
 
 
+def test_fmi_3_and_model_exchange_have_them_too(tree):
+    """The input is a vector, and so an array, of which everything may depend; both kinds give the same."""
+    options = ["--fmi", "3.0", "--kind", "both", "--output", "dist", "--no-validate", "--no-page"]
+    run(tree, "build_fmu.py", "hardening.toml", *options)
+    code = (
+        "from fmpy import read_model_description, simulate_fmu\n"
+        "from fmpy.validation import validate_fmu\n"
+        "fmu = 'dist/both-fmi3/hardening.fmu'\n"
+        "read = read_model_description(fmu)\n"
+        "known = {v.name: v for v in read.modelVariables}\n"
+        "depends = [known['wind'] in unknown.dependencies for unknown in read.outputs if unknown.variable.type == 'Float64']\n"
+        "print(validate_fmu(fmu), known['wind'].shape, known['wind'].causality, all(depends), 's1.elongation' in known)\n"
+        "names, ends = ['s1.elongation', 'n4.position'], []\n"
+        "for kind in ('CoSimulation', 'ModelExchange'):\n"
+        "    start = {'wind': [3.0, 0.0], 'n4.force': [0.0, 5.0]}\n"
+        "    run = {'fmi_type': kind, 'stop_time': 0.2, 'relative_tolerance': 1e-9, 'output': names}\n"
+        "    ends.append(simulate_fmu(fmu, start_values=start, **run)[-1])\n"
+        "away = [abs(a - b) for a, b in zip(*(end['n4.position'] for end in ends))]\n"
+        "print(max(away) < 1e-7, abs(ends[0]['s1.elongation'] - ends[1]['s1.elongation']) < 1e-7)\n"
+    )
+    lines = run(tree, "-c", code).splitlines()
+    assert lines[-2:] == ["[] (2,) input True True", "True True"], lines
+
+
 def wrong(tree: Path, tmp_path: Path, file: str, before: str, after: str) -> Path:
     """A copy of the tree with a change of one file."""
     copy = tmp_path / "tree"

@@ -244,6 +244,9 @@ def test_tables_and_series_are_inputs_too():
         (lambda: tc.build(tc.load("two_bar")), "two_bar: FMUs are built of a scene"),
         (lambda: tc.build("two_bar", runtime="x"), "'x' is none; use native, python or both"),
         (lambda: tc.build("two_bar", __file__), "no such folder can be made"),
+        (lambda: tc.build("two_bar", kind="se"), "--kind se: there is no such kind; use cs, me, both"),
+        (lambda: tc.build("two_bar", fmi="1.0"), "--fmi 1.0: FMUs are not written in that version; use 2.0 or 3.0"),
+        (lambda: tc.build("two_bar", runtime="python", fmi="3.0"), "the Python runtime has FMI 2.0 only"),
     ],
 )
 def test_what_is_of_another_kind_is_an_error_of_the_project(call, told):
@@ -361,6 +364,8 @@ def test_an_equilibrium_stays_and_has_modes():
 def test_fmus_are_built(tmp_path):
     built = tc.build("two_bar", tmp_path, runtime="native")
     assert built == {"native": tmp_path / "native" / "two_bar.fmu"} and built["native"].is_file()
+    built = tc.build("two_bar", tmp_path, kind="both", fmi="3.0")
+    assert built == {"native": tmp_path / "both-fmi3" / "two_bar.fmu"} and built["native"].is_file()
     with pytest.raises(TensegrityError, match="Did you mean two_bar"):
         tc.build("two_bars", tmp_path)
 

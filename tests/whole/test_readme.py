@@ -23,7 +23,7 @@ from fmu_src.variables.described import LOG_CATEGORIES
 from fmu_src.variables.interface import variables
 from tensegrity_core import cli
 from tensegrity_core.scene import scene_schema
-from tests.support import scene
+from tests.support import same_picture, scene
 from tests.support.driven_scenes import LABORATORY, built
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -66,9 +66,13 @@ WRITTEN = {
     "docs/start-research.md": ("two_bar_nsh.html", "path.png"),
     "docs/coupling.md": ("height_control.ssp",),
     "docs/view.md": ("three_bar_nsh.html", "lifted.html", "run.html"),
-    "docs/linearization.md": ("linear.mat", "linear.json", "dist/native/three_bar_nsh.fmu"),
+    "docs/linearization.md": ("linear.mat", "linear.json", "height.png", "dist/native/three_bar_nsh.fmu"),
     "docs/equilibrium-paths.md": ("path.svg", "path.csv", "modes.svg", "modes.csv"),
 }
+
+
+#: Page -> what a block of it draws, and the figure that the page shows of that.
+DRAWN = {"linearization.md": ("height.png", "linear_height.png")}
 
 
 def blocks(page):
@@ -128,6 +132,8 @@ def test_code_blocks_run(page, tmp_path, request, monkeypatch):
             pytest.fail(f"a block in {language!r}, which nothing runs:\n{text}")
     missing = [name for name in WRITTEN.get(page.relative_to(ROOT).as_posix(), ()) if not (tmp_path / name).is_file()]
     assert not missing
+    if page.name in DRAWN:
+        same_picture(tmp_path / DRAWN[page.name][0], ROOT / "docs" / "figures" / DRAWN[page.name][1])
 
 
 def test_setup_commands_are_the_two_that_ci_runs():

@@ -43,11 +43,16 @@ FLOORS = (
     ("benchmarks", "benchmarks.harness"),
     ("benchmarks.peers",),
     ("benchmarks.stability", "benchmarks.article", "benchmarks.speed", "benchmarks.work_precision", "benchmarks.importers"),
-    ("benchmarks.coupling",),
+    ("benchmarks.coupling", "benchmarks.exchange"),
     ("benchmarks.redraw",),
 )
 #: What stands in an FMU, or in an importer's environment, and imports what is there.
-ELSEWHERE = ("fmu_src.python_runtime", "benchmarks.importers.drivers", "benchmarks.coupling.drivers")
+ELSEWHERE = (
+    "fmu_src.python_runtime",
+    "benchmarks.importers.drivers",
+    "benchmarks.coupling.drivers",
+    "benchmarks.exchange.drivers",
+)
 #: Never imported by the room before them, whatever the floors say: the two truths meet in tests and in validation only.
 APART = {
     "tensegrity_core.kernel": ("tensegrity_core.laws", "tensegrity_core.reference"),

@@ -51,16 +51,25 @@ static int wrong_mass(const ts_sim *sim)
     return -1;
 }
 
+/* Are all numbers of a field finite and within its bounds?  Mostly they are, and no message has to be made. */
+static int all_within(const double *x, int n, double low, double high)
+{
+    int within = 1;
+    for (int i = 0; i < n; i++) within &= (x[i] - x[i] == 0.0) & (x[i] >= low) & (x[i] <= high);
+    return within;
+}
+
 /* Look through the fields before this one. */
 static int check_fields(ts_sim *sim, int end, int32_t *index)
 {
     const ts_model *m = &sim->m;
-    for (int f = 0; f < end; f++)
-        for (int i = m->at[f]; i < m->at[f + 1]; i++) {
-            if (accept(sim, f, i) == TS_OK) continue;
-            *index = i;
-            return TS_BAD_INPUT;
-        }
+    for (int f = 0; f < end; f++) {
+        int i = m->at[f];
+        if (all_within(sim->io.values + i, m->at[f + 1] - i, bounds[f].low, bounds[f].high)) continue;
+        while (accept(sim, f, i) == TS_OK) i++;
+        *index = i;
+        return TS_BAD_INPUT;
+    }
     return TS_OK;
 }
 
@@ -81,6 +90,7 @@ static double shortest_rest_length(const ts_rest *rest, int i, double h)
 {
     double r = rest->rate[i], b = rest->bend[i], j = rest->jerk[i];
     double least = fmin(rest->length[i], ts_rest_length(rest, i, h));
+    if (b == 0.0 && j == 0.0) return least;
     double root = b * b - 2.0 * j * r, q = -(b + (b < 0.0 ? -1.0 : 1.0) * sqrt(root)); /* no number where there is no root */
     double turn[2] = {q / j, 2.0 * r / q};
     for (int k = 0; k < 2; k++)

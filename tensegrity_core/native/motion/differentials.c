@@ -44,7 +44,7 @@ static void weigh_floating(ts_differentials *o, int i)
     const ts_place_of_bar *p = m->bar.floating + i;
     const int r = p->block, b = r + 1;
     const double *inverse = o->sim->inertia.inverse, over = inverse[r], off = p->lower - 0.5,
-                 turn = -inverse[b] * inverse[b] / 12.0;
+                 per_inertia = -inverse[b] * inverse[b] / 12.0;
     const int32_t mass = value_at(o, TS_BAR_MASS, m->block.bar[r]), m1 = o->at.extra + p->first, m2 = o->at.extra + p->second;
     chain_row(c, o->at.lower + i);
     if (m->count[TS_P]) {
@@ -57,9 +57,9 @@ static void weigh_floating(ts_differentials *o, int i)
     chain_row(c, o->at.inverse + r);
     chain_add(c, o->at.laden + r, -over * over);
     chain_row(c, o->at.inverse + b);
-    chain_add(c, mass, turn * (1.0 + 12.0 * off * off));
-    chain_add(c, m1, turn * 12.0 * p->lower * p->lower);
-    chain_add(c, m2, turn * 12.0 * p->upper * p->upper);
+    chain_add(c, mass, per_inertia * (1.0 + 12.0 * off * off));
+    chain_add(c, m1, per_inertia * 12.0 * p->lower * p->lower);
+    chain_add(c, m2, per_inertia * 12.0 * p->upper * p->upper);
 }
 
 /* Inertias and weights of the blocks: ts_weigh(). */
@@ -133,14 +133,14 @@ static void start_moved(ts_differentials *o, int e)
     const int D = m->count[TS_D], bar = m->drive.mover_bar[e];
     if (bar < 0) return;
     const int b = m->bar.block[bar];
-    const double *c = sim->state.y + b * D, *start = m->packed.velocity + m->packed.moved[e] * D,
+    const double *c = sim->state.y + b * D, *first = m->packed.velocity + m->packed.moved[e] * D,
                  *now = sim->bases.now + (3 * e + 1) * D;
     const double over = 1.0 / (m->block.length[b] * m->block.length[b]), laden = sim->inertia.laden[b],
                  inverse = sim->inertia.inverse[b];
     double along = 0.0;
-    for (int d = 0; d < D; d++) along += c[d] * (now[d] - start[d]) * over;
+    for (int d = 0; d < D; d++) along += c[d] * (now[d] - first[d]) * over;
     for (int d = 0; d < D; d++) {
-        const double jump = now[d] - start[d] - along * c[d];
+        const double jump = now[d] - first[d] - along * c[d];
         chain_row(&o->chain, o->at.y + m->nq + b * D + d);
         for (int k = 0; k < D; k++)
             chain_add(&o->chain, o->at.base + (3 * e + 1) * D + k, -laden * inverse * ((d == k) - c[d] * c[k] * over));

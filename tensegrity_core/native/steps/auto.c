@@ -44,9 +44,9 @@
 enum { LONG, ROSENBROCK, RADAU, SHORT };                       /* places of the methods; the explicit ones by their steps */
 enum { OF_IMPLICIT, OF_OTHER_IMPLICIT, OF_EXPLICIT, OF_BASE }; /* trials */
 
-/* The methods, by their places.  An attempt of usual effort costs so many steps of dop853: `steps`, and `solves` for each number
- * in the blocks of the factor over the strings, which are the work of the right-hand side; measured on scenes of two to thirty
- * bars.  `reach`: h times the fastest rate that an explicit one bears. */
+/* The methods, by their places.  An attempt of usual effort costs so many steps of dop853: `steps`, and `solves` for each
+ * number in the blocks of the factor over the strings, which are the work of the right-hand side; measured on scenes of two to
+ * thirty bars.  `reach`: h times the fastest rate that an explicit one bears. */
 static const struct {
     int32_t method;
     double steps, solves, reach;
@@ -191,14 +191,18 @@ static double hoped_short(const ts_sim *sim, double h)
     return SHORTER * ts_real_power(tolerance, 1.0 / 5.0 - 1.0 / 8.0) * fmax(h, sim->memory.h_next);
 }
 
-/* Two explicit methods: dopri5 where steps have to be short, as communication points with other inputs lie close together, if that
- * is cheaper.  Returns whether the other one is in use now. */
+/* Two explicit methods: dopri5 where steps have to be short, as communication points with other inputs lie close together, if
+ * that is cheaper.  Returns whether the choice between the two is under way, or has just been made. */
 static int review_base(ts_sim *sim, double h)
 {
     ts_choice *c = &sim->memory.choice;
     int other = LONG + SHORT - c->base, ahead = sim->call.may_run_ahead;
     if (ahead && c->base == SHORT) {
         change_base(&sim->memory, LONG, fmax(c->natural[LONG], h), 0);
+        return 1;
+    }
+    if (c->rival >= 0) {
+        judge_base(sim);
         return 1;
     }
     if (ahead || !due(c, OF_BASE, 1.0) || !(c->trial_time >= WHOLE_CALLS * sim->call.length)) return 0;
@@ -218,10 +222,6 @@ static int review_base(ts_sim *sim, double h)
 static void review_explicit(ts_sim *sim, double h)
 {
     ts_choice *c = &sim->memory.choice;
-    if (c->rival >= 0) {
-        judge_base(sim);
-        return;
-    }
     if (review_base(sim, h)) return;
     int place = choose_implicit(sim, h);
     double cost = cost_of(sim, place) * (c->h_lambda < CALM ? CALMER : 1.0);

@@ -284,10 +284,13 @@ def test_darwin_libraries_load_on_old_systems_and_name_no_folder_of_this_one(pla
 @CROSS
 @pytest.mark.parametrize("kind", ["native", "python"])
 @pytest.mark.parametrize("platform", build.TARGETS)
-def test_compiling_again_gives_the_same_bytes(platform, kind, tmp_path):
+def test_compiling_again_gives_the_same_bytes(platform, kind, tmp_path, monkeypatch):
+    """And leaves nothing in the folder of whoever calls."""
     first = cross_compiled(platform, kind=kind)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
     again = getattr(build, KINDS[kind].compiler)(tmp_path / first.name, platform)
-    assert again.read_bytes() == first.read_bytes()
+    assert again.read_bytes() == first.read_bytes() and not list((tmp_path / "here").iterdir())
 
 
 @CROSS

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from fmu_src.variables.interface import variables
 from tensegrity_core.scene import builtin_scenes
 from tests.support import element_scenes, scene
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
+from tests.support.words import words
 
 MODELS = {
     **{name: lambda name=name: scene(name) for name in builtin_scenes()},
@@ -113,6 +115,46 @@ def test_model_exchange_gives_the_same(name, tmp_path):
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9, atol=1e-9)
 
 
+class Looking(outside3.Instance):
+    """A host that looks at a vector within steps."""
+
+    def _chosen(self):
+        self.seen = []
+        return {"intermediateUpdate": self.look}
+
+    def look(self, environment, time, set_requested, get_allowed, finished, can_return, requested, at):
+        if get_allowed:
+            self.seen.append((time, self.get("n4.position"), bool(set_requested), bool(can_return)))
+
+
+@pytest.mark.parametrize("name", ["three_bar_nsh", "two_bar"])
+def test_a_look_into_steps_changes_nothing(name, tmp_path):
+    """Outputs within steps are of the same motion, at times that go on; what follows is the same to the last bit."""
+    model = MODELS[name]()
+    times, values, _ = given(model, 12)
+    fmu = pack_native_fmu(model, tmp_path / "one.fmu", standard="3.0")
+    description, folder = read_model_description(str(fmu)), extract(str(fmu), str(tmp_path / "one"))
+    inputs = [v.name for v in description.modelVariables if v.causality == "input"]
+    allowed = {
+        v.get("name")
+        for v in ElementTree.parse(f"{folder}/modelDescription.xml").iterfind("ModelVariables/*[@intermediateUpdate]")
+    }
+    assert allowed == {v.name for v in description.modelVariables if v.causality == "output" and v.variability == "continuous"}
+    one, two = Looking(description, folder), outside3.instances("coSimulation")(description, folder)
+    found, right = (outside.run(host, times, values, inputs, {}) for host in (one, two))
+    np.testing.assert_array_equal(found[0], right[0])
+    at, places, asked, ends = zip(*one.seen, strict=True)
+    assert len(at) > 5 and np.all(np.diff(at) >= 0.0) and times[0] < at[0] and at[-1] <= times[-1]
+    assert not any(asked) and not any(ends)
+    place = [found[1].index(f"n4.position[{i + 1}]") for i in range(len(model.axes))]
+    for instant, position in zip(at, places, strict=True):
+        after = int(np.searchsorted(times, instant))
+        both = found[0][after - 1 : after + 1, place]
+        assert np.max(np.abs(position - both[0])) <= np.max(np.abs(both[1] - both[0])) + 0.01  # near the ends of its step
+    one.close()
+    two.close()
+
+
 # As anybody runs them
 
 
@@ -166,4 +208,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    words(__doc__)
     main()

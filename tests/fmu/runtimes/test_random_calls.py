@@ -2,8 +2,8 @@
 AddressSanitizer and UndefinedBehaviorSanitizer watch.
 
 Nothing crashes, no function says anything but OK, Warning, Discard and Error, and an instance that has been reset makes the
-run of a fresh one, to the last bit.  More calls, each kind in turn:
-``python -m tests.fmu.runtimes.test_random_calls all 100000``.
+run of a fresh one, to the last bit.  More calls, each kind in turn, of three_bar_nsh or of another one of MODELS:
+``python -m tests.fmu.runtimes.test_random_calls all 100000 laboratory``.
 """
 
 from __future__ import annotations
@@ -25,16 +25,25 @@ from fmu_src.packing.native_fmu import pack_native_fmu
 from tests.conftest import once
 from tests.fmu.runtimes.test_native_host import watched_build
 from tests.fmu.runtimes.test_sanitizers import preloaded, watched
-from tests.support import fmi3_calls, native_calls, scene
+from tests.support import element_scenes, fmi3_calls, native_calls, scene
+from tests.support.driven_scenes import LABORATORY, MAST, built
 from tests.support.fmi3_calls import TYPES, Calls3
 from tests.support.native_calls import CO_SIMULATION, DISCARD, ERROR, MODEL_EXCHANGE, OK, WARNING, Calls
+from tests.support.words import words
 
 CALLS = 500
 BETWEEN = 125  # calls between two comparisons with a fresh instance
-SCENE = "three_bar_nsh"
 WILD = [0.0, -0.0, 1.0, -1.0, 1e-300, 5e-324, 1e300, -1e308, math.nan, math.inf, -math.inf]
 ROOT = Path(__file__).resolve().parents[3]
 
+#: Name -> model: of the test, and others: gaps among the references, moved nodes, a vector of gravity, memory, the plane.
+MODELS = {
+    "three_bar_nsh": lambda: scene("three_bar_nsh"),
+    "laboratory": lambda: built(LABORATORY),
+    "mast": lambda: built(MAST),
+    "memory": lambda: element_scenes.mast("memory"),
+    "six_bar": lambda: scene("six_bar"),
+}
 #: Version of the standard, and how an instance is made.
 KINDS = {
     "fmi2-cs": (2, {"kind": CO_SIMULATION}),
@@ -63,6 +72,13 @@ class Walk:
         self.known = [v.valueReference for v in variables]
         self.spans = {v.valueReference: self.size(v) for v in variables}
         self.states = sum(self.size(unknown.variable) for unknown in self.one.description.derivatives)
+        described = self.one.description
+        if self.version == 2:
+            self.indicators = int(described.numberOfEventIndicators)
+            self.force = next(v.name for v in variables if v.name.endswith(".force.z") and v.causality == "input")
+        else:
+            self.indicators = sum(self.size(unknown.variable) for unknown in described.eventIndicators)
+            self.force = next(v.name for v in variables if v.name.endswith(".force") and v.causality == "input")
         functions = (
             [*native_calls.ARGUMENTS, *native_calls.EXCHANGE_ARGUMENTS] if self.version == 2 else [*fmi3_calls.ARGUMENTS]
         )
@@ -133,7 +149,8 @@ class Walk:
         if name.startswith("GetContinuousState") or name in ("GetDerivatives", "GetNominalsOfContinuousStates"):
             return self.vector()
         if name == "GetEventIndicators":
-            return self.doubles(12), 12
+            count = self.indicators if self.chance(0.9) else self.indicators + 1
+            return self.doubles(count), count
         if name == "SetDebugLogging":
             texts = (ctypes.c_char_p * 3)(b"logEvents", b"", None)
             return self.chance(0.5), int(self.random.integers(0, 4)), None if self.chance(0.1) else texts
@@ -325,8 +342,8 @@ class Walk:
             assert one.do(name, x, self.states) == OK
             rows = [np.array(x), one.outputs()]
         else:
-            force = "n4.force" if self.version == 3 else "n4.force.z"
-            assert one.set({force: [0.0, 0.0, 50.0] if self.version == 3 else 50.0}) == OK
+            push = 50.0 if self.version == 2 else [0.0] * (one.size(self.force) - 1) + [50.0]
+            assert one.set({self.force: push}) == OK
             if self.version == 3 and one.event_mode:
                 assert one.update()[0] == OK and one.do("EnterStepMode") == OK
             time = 0.0
@@ -339,11 +356,11 @@ class Walk:
         return np.concatenate(rows)
 
 
-def folders(base: Path) -> dict[int, Path]:
-    """Extracted FMUs of both kinds, by version of the standard."""
+def folders(base: Path, name: str = "three_bar_nsh") -> dict[int, Path]:
+    """Extracted FMUs of both kinds of a model, by version of the standard."""
     found = {2: base / "fmi2", 3: base / "fmi3"}
     for version, folder in found.items():
-        fmu = pack_native_fmu(scene(SCENE), base / f"{version}.fmu", kind="both", standard=f"{version}.0")
+        fmu = pack_native_fmu(MODELS[name](), base / f"{version}.fmu", kind="both", standard=f"{version}.0")
         with zipfile.ZipFile(fmu) as archive:
             archive.extractall(folder)
     return found
@@ -399,23 +416,24 @@ class Folders:
         return self.base
 
 
-def main(calls: int, seeds: int = 1) -> None:
+def main(calls: int, model: str = "three_bar_nsh", seeds: int = 1) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         library = watched_build(Folders(Path(scratch))) / "native.so"
         base = Path(scratch) / "fmus"
-        folders(base)
+        folders(base, model)
         for name in KINDS:
             for seed in range(seeds):
                 found = walked(base, [name], calls, seed, library)[name]
                 told = ", ".join(f"{found[status]} {word}" for status, word in enumerate(("OK", "Warning", "Discard", "Error")))
-                print(f"{name}, seed {seed}: {told}", flush=True)
+                print(f"{model}, {name}, seed {seed}: {told}", flush=True)
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "all":
-        main(*map(int, sys.argv[2:]))
-    else:
-        for kind in sys.argv[1].split(","):
-            walk = Walk(Path(sys.argv[3]).resolve() / f"fmi{KINDS[kind][0]}", kind, int(sys.argv[4]))
-            walk.walk(int(sys.argv[2]))
+    kinds, calls, model_or_folder, seed = words(__doc__, str, int, model="three_bar_nsh", seeds=1)
+    if kinds == "all":
+        main(calls, model_or_folder, seed)
+    else:  # in a process of its own, see walked()
+        for kind in kinds.split(","):
+            walk = Walk(Path(model_or_folder).resolve() / f"fmi{KINDS[kind][0]}", kind, seed)
+            walk.walk(calls)
             print(kind, *walk.found, flush=True)

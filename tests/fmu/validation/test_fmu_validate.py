@@ -562,8 +562,8 @@ def test_references_are_kept_unless_asked_otherwise(asked):
 def test_a_scene_that_is_named_twice_is_built_once(asked, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text('extends = "two_bar"\n', encoding="utf-8")
-    words = ["mine.toml", "two_bar", "two_bar", str(tmp_path / "mine.toml"), "--no-validate", "--runtime", "native"]
-    assert build_fmu.main(words) == 0
+    scenes = ["mine.toml", "two_bar", "two_bar", str(tmp_path / "mine.toml")]
+    assert build_fmu.main([*scenes, "--no-validate", "--no-page", "--runtime", "native"]) == 0
     folder = Path("dist/native")
     assert capsys.readouterr().out.splitlines() == [f"wrote {folder / 'mine.fmu'}", f"wrote {folder / 'two_bar.fmu'}"]
     assert asked(["--all", "two_bar"]).scenes.count("two_bar") == 2

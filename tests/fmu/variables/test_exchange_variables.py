@@ -1,6 +1,7 @@
 """Model exchange: what the description says of states, derivatives and dependencies, against the kernel."""
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -31,6 +32,14 @@ MODELS = {
 def test_descriptions_keep_the_schemas(name, kind):
     files = native_fmu_files(MODELS[name](), Contents(kind=kind), {here(): host_library()})
     assert problems(files) == []
+
+
+@pytest.mark.parametrize("kind, tolerance", [("cs", 1e-10), ("both", 1e-10), ("me", 1e-8)])
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_a_host_that_integrates_is_told_a_tolerance_that_its_solver_can_keep(kind, tolerance, fmi):
+    files = native_fmu_files(scene("two_bar"), Contents(kind=kind, standard=fmi), {here(): host_library()})
+    root = ElementTree.fromstring(files["modelDescription.xml"])
+    assert float(root.find("DefaultExperiment").get("tolerance")) == tolerance
 
 
 @pytest.mark.parametrize("name", MODELS)
