@@ -386,8 +386,8 @@ def test_bad_input_is_named():
         reference.simulate(model, replace(good, force=np.full((2, 3, 3), np.nan)))
     with pytest.raises(InputError, match="increasing times"):
         reference.simulate(model, replace(good, times=np.array([0.0, 0.0, 0.1])))
-    with pytest.raises(InputError, match="node 'n2' belongs to two bars"):
-        structures.Structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2")))
+    assert structures.Structure(model).joints is None
+    assert structures.Structure(replace(model, bars=[(1, 2), (0, 1)], bar_mass=[1.0, 1.0], bar_names=("b1", "b2"))).joints
     with pytest.raises(InputError, match="bar 'b1' has both ends fixed"):
         structures.Structure(replace(model, fixed=[False, True, True]))
     with pytest.raises(InputError, match="free node 'n1' belongs to no bar"):
