@@ -200,6 +200,37 @@ def test_welded_frame_thrown(height):
     np.testing.assert_allclose(result.position, rigid_body(m, corners, turn, result.times), rtol=0.0, atol=1e-10)
 
 
+def test_welded_body_on_a_hinge():
+    """Two of its nodes are fixed, so that it swings about their line: I q'' = -m g a sin q, with I and a of its free part."""
+    nodes = [[0, 0, 0], [0.5, 1, 0], [0, 2, 0], [0.2, 1, -0.5]]
+    model = framed(nodes, [0, 2], [(0, 1), (1, 2), (1, 3)], welds=[(0, 1, 2)])
+    result = run(model, 1.5, 0.1)
+    # of a thin rod: I = m/3 (p^2 + p q + q^2) over its ends' places about the hinge, here along x and z
+    a, b, c = np.zeros(2), np.array([0.5, 0.0]), np.array([0.2, -0.5])
+    inertia = sum((p @ p + p @ q + q @ q) / 3.0 for p, q in ((a, b), (b, a), (b, c)))
+    centre = (a + b) / 2 + (b + a) / 2 + (b + c) / 2  # times the mass of 1 kg
+
+    def swing(t, y):
+        turned = np.array([[np.cos(y[0]), np.sin(y[0])], [-np.sin(y[0]), np.cos(y[0])]]) @ centre
+        return [y[1], turned[0] * GRAVITY / inertia]
+
+    known = scipy.integrate.solve_ivp(swing, (0, 1.5), [0.0, 0.0], "DOP853", result.times, rtol=1e-12, atol=1e-13).y[0]
+    expected = np.array([0.5 * np.cos(known), 1.0 + 0.0 * known, -0.5 * np.sin(known)]).T
+    np.testing.assert_allclose(result.position[:, 1], expected, rtol=0.0, atol=1e-9)
+    assert result.ledger_error() < 1e-9
+
+
+def test_bodies_side_by_side():
+    """Two welded bodies with two nodes in common keep each other's distance twice; bars that touch nowhere may be one body."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=float)
+    turning = np.cross([1.0, 2.0, -1.0], corners)
+    bars, welds = [(0, 1), (1, 2), (0, 3), (3, 1), (2, 4)], [(0, 1), (2, 3)]
+    assert run(framed(corners, [], bars, welds=welds, velocity=turning), 1.0, 0.1).ledger_error() < 1e-8
+    apart = framed(corners[[0, 1, 2, 4]], [], [(0, 1), (2, 3)], welds=[(0, 1)], velocity=turning[[0, 1, 2, 4]])
+    place = run(apart, 1.0, 0.1).position
+    assert np.ptp(np.linalg.norm(place[:, 3] - place[:, 0], axis=1)) < 1e-13
+
+
 def test_rod_on_a_smooth_rail():
     """Nothing pushes a rod sideways whose upper end slides on a rail (fixed along y and z): its centre stays above its place,
     and its fall has the energy 1/2 I q'^2 + 1/2 m (l/2 sin q q')^2 = m g l/2 (cos q - cos q0)."""
