@@ -60,7 +60,7 @@ def collect() -> dict:
             if name in LATE_PROBLEMS:
                 found["late"][name] = events.curve(problem, exact, events.located, events.LATE, folder)
                 found["steps"][name] = events.curve(problem, exact, events.stepped, events.STEPS, folder)
-        found["promise"] = promise.rows(folder)
+        found |= promise.collect(folder)
     return plain(found, 4)
 
 
