@@ -72,6 +72,9 @@ def simulate(fmu: Path, inputs: str | None, times: np.ndarray, starts: list[str]
         description = fmpy.read_model_description(str(fmu))
     except Exception as failure:  # whatever a file that is none makes fmpy say
         raise InputError(f"{fmu} is no FMU that can be read: {failure}; name another file") from failure
+    if description.coSimulation is None and description.modelExchange is not None:
+        remedy = "build it with --kind cs or both, or use fmpy, which integrates it by CVODE"
+        raise InputError(f"{fmu} is for model exchange only, and has no solver; {remedy}")
     if description.coSimulation is None or description.fmiVersion not in ("2.0", "3.0"):
         raise InputError(f"{fmu} is no FMU of FMI 2.0 or 3.0 for co-simulation; name another file")
     elements = _elements(description)

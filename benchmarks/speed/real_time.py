@@ -26,7 +26,7 @@ from fmu_src.packing.libraries import here
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.variables.interface import variables
 from tensegrity_core.fields import METHODS
-from tensegrity_core.files import scratch
+from tensegrity_core.files import scratch, write_bytes
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.model import Model
 from tensegrity_core.native import build
@@ -81,7 +81,7 @@ class Host:
         self.rows, self.signals = variables(model), signals(model)
         self.model, self.kernel = model, Kernel(model)
         self.input, self.output = folder / f"{scene}.signals", folder / f"{scene}.outputs"
-        self.signals.tofile(self.input)
+        write_bytes(self.input, self.signals.tobytes())
 
     def run(self, method: str, tolerance: float, count: int, runs: int, each: bool = False) -> dict[str, list[list[str]]]:
         """What the program printed, by the lines' first words."""

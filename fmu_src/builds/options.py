@@ -87,10 +87,14 @@ class Options:
             python.format("FMI 2.0"): wanted,
             "--ssp": self.ssp,
         }
+
+        def remedy(option: str, other: str) -> str:
+            return "" if ";" in option else f"; leave {other} or {option} out"
+
         for option in (option for option, given in exchange.items() if given and self.kind != "cs"):
-            raise InputError(f"--kind {self.kind} does not go with {option}")
+            raise InputError(f"--kind {self.kind} does not go with {option}{remedy(option, '--kind')}")
         for option in (option for option, given in fmi3.items() if given and self.fmi != "2.0"):
-            raise InputError(f"--fmi {self.fmi} does not go with {option}")
+            raise InputError(f"--fmi {self.fmi} does not go with {option}{remedy(option, '--fmi')}")
 
     def folder(self, runtime: str) -> Path:
         """Where the FMUs of a runtime go."""

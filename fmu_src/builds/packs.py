@@ -27,6 +27,8 @@ def pack_all(models: dict[str, Model], pages: dict[str, bytes], work: Work) -> d
     options = work.options
     apart = take_apart(models) if options.apart else {}
     make_folder(options.output)
+    if options.cross_check:
+        make_folder(options.cross_check, "--cross-check")
     compile_first(work)
     motors: dict[tuple[str, str], Path] = {}
     for model in [motor for motors_of in apart.values() for motor in motors_of.values()]:
@@ -50,13 +52,13 @@ def pack_all(models: dict[str, Model], pages: dict[str, bytes], work: Work) -> d
     return found
 
 
-def make_folder(folder: Path) -> None:
+def make_folder(folder: Path, option: str = "--output") -> None:
     """Raises InputError where it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as failure:
         reason = getattr(failure, "strerror", None) or failure
-        raise InputError(f"--output {folder}: no such folder can be made: {reason}; name another one") from failure
+        raise InputError(f"{option} {folder}: no such folder can be made: {reason}; name another one") from failure
 
 
 def compile_first(work: Work) -> None:

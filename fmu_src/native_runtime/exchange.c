@@ -55,8 +55,10 @@ int fmu_look_within(instance *fmu, int what, const char *caller)
 
 /* -------------------------------------------------------------------------------------------------------------- events */
 
+/* In Event Mode already it changes nothing: a jump of inputs that was set since then is still to be taken. */
 fmu_status fmu_enter_event(instance *fmu, const char *what)
 {
+    if (fmu->mode == MODE_EVENT) return FMU_OK;
     if (fmu->kind == FMU_MODEL_EXCHANGE && ts_enter_event(fmu->sim) != TS_OK)
         return fmu_refuse(fmu, what, ts_message(fmu->sim));
     fmu->mode = MODE_EVENT;

@@ -53,11 +53,14 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 point, fmi3Float64
                                   fmi3Boolean *event_needed, fmi3Boolean *terminate, fmi3Boolean *early_return,
                                   fmi3Float64 *last_time)
 {
+    if (event_needed) *event_needed = fmi3False;
+    if (terminate) *terminate = fmi3False;
+    if (early_return) *early_return = fmi3False;
+    if (last_time && c) *last_time = ((instance *)c)->time;
     REQUIRE(c, MODE_STEPPING, FMU_ERROR);
     REQUIRE_POINTER(event_needed && terminate && early_return && last_time);
     (void)no_set_state_prior;
     fmu_status status = fmu_step(fmu, __func__, point, h, fmu->intermediate || fmu->early_return ? look : NULL);
-    *event_needed = *terminate = fmi3False;
     *early_return = status == FMU_OK && fmu->time < point + h;
     *last_time = fmu->time;
     return (fmi3Status)status;

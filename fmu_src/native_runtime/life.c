@@ -100,10 +100,10 @@ instance *fmu_instantiate(const fmu_request *request)
     fmu->logger = request->logger;
     fmu->kind = request->kind;
     for (int k = 0; k < LOG_CATEGORIES; k++) fmu->log[k] = fmu_always_said(fmu, k) || request->logging;
-    const char *name = request->name, *title = name && *name ? name : "(no name)";
+    const char *name = request->name, *title = name && name[strspn(name, " \t\r\n")] ? name : "(no name)";
     if ((fmu->name = (char *)malloc(strlen(title) + 1))) strcpy(fmu->name, title);
     if (!fmu->name) snprintf(why, sizeof why, "out of memory");
-    else if (!name || !*name) snprintf(why, sizeof why, "the instance needs a name");
+    else if (title != name) snprintf(why, sizeof why, "the instance needs a name");
     else if (!request->token || !request->location)
         snprintf(why, sizeof why, "%s and %s are needed", standard->token, standard->location);
     else fmu->sim = load(fmu, request->location, request->token, why, sizeof why);

@@ -457,9 +457,10 @@ FMI2_Export fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     instance *fmu = calloc(1, sizeof *fmu);
     if (!fmu) return NULL;
     if (functions) fmu->host = *functions;
-    fmu->name = copy_of(name && *name ? name : "(no name)", name && *name ? strlen(name) : 9);
+    const int named = name && name[strspn(name, " \t\r\n")];
+    fmu->name = copy_of(named ? name : "(no name)", named ? strlen(name) : 9);
     if (!fmu->name) report_add(&why, "out of memory");
-    else if (!name || !*name) report_add(&why, "the instance needs a name");
+    else if (!named) report_add(&why, "the instance needs a name");
     else if (type != fmi2CoSimulation) report_add(&why, "this FMU is for co-simulation only");
     else if (!guid || !location) report_add(&why, "GUID and resource location are needed");
     else if (python_attach(&fmu->py, &why)) {

@@ -156,7 +156,7 @@ def _local(reference: int, name: str, unit: str, meaning: str, nominal: float, n
         start=None,
         min=None,
         max=None,
-        nominal=float(f"{nominal:.3g}"),
+        nominal=float(nominal),
         description=meaning,
         field="",
         known=(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -77,6 +78,8 @@ def _about_a_row(model: Model, at: str, force: list[str], side: str | None) -> S
         raise InputError(f"--at {at}: a run's file does not hold how {model.name}'s moved nodes go on; use tc.linearize(run)")
     file, _, time = at.rpartition("@") if not Path(at).is_file() and "@" in at else (at, "", "")
     result = result_of_file(Path(file), model)
+    if not force:
+        print("note: no force is taken to act; if one did, name it: --force NODE.AXIS=N", file=sys.stderr)
     row = row_at(result.times, finite("--at", time, f"{file}@2.5") if time else None, file)
     inputs = starts(model) | {"force": constant_force(model, force)}
     inputs["rest_length"] = inputs["rest_length"].copy()

@@ -27,6 +27,7 @@ def test_the_command_knows_every_figure_and_every_written_page():
         "site_theory",
     }
     drawn |= pages  # a browser's: python -m tests.output.page_pictures, and tests.whole.site_pictures
+    drawn.add("linear_height")  # the example of docs/linearization.md, tests/whole/test_readme.py
     drawn.add("beam")  # python -m benchmarks.article.beam
     assert {path.name for path in (DOCS / "figures").iterdir()} == {f"{name}.png" for name in drawn}
     shown = {name for page in DOCS.glob("*.md") for name in re.findall(r"\(figures/(\w+)\.png\)", page.read_text("utf-8"))}

@@ -53,6 +53,12 @@ def test_an_fmu_of_fmi_3_gives_what_that_of_fmi_2_gives(naming, folder, tmp_path
     assert ("n4.position[3]" if naming == "structured" else "n4_position[3]") in dict(ends[1])
 
 
+def test_an_fmu_without_a_solver_is_refused_with_a_remedy(tmp_path, capsys):
+    assert main(["build", "two_bar", "--kind", "me", "--no-validate", "--no-page", "--output", str(tmp_path)]) == 0
+    assert main(["run", str(tmp_path / "me" / "two_bar.fmu"), *SHORT]) == 2
+    assert "for model exchange only, and has no solver; build it with --kind cs or both" in capsys.readouterr().err
+
+
 def test_start_values_reach_the_fmu(folder, capsys):
     ends = []
     for words in ([], ["--set", "gravity=0", "b1.mass=3"], ["--set", "gravity=0", "--set", "b1.mass=3"]):

@@ -239,7 +239,7 @@ def test_a_run_of_another_structure_is_refused(other, suffix, tmp_path, monkeypa
     capsys.readouterr()
     assert main(["view", f"run.{suffix}", "--scene", f"{other}.toml" if other == "two_bar_wide" else other]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"is no run of {other}: " in line and line.endswith("name the scene that was simulated: --scene SCENE")
+    assert f"is no run of {other}: " in line and line.endswith("was simulated (tensegrity view: --scene SCENE)")
     assert sorted(tmp_path.iterdir()) == before
 
 

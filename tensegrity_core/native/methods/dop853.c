@@ -51,20 +51,11 @@ static double attempt(ts_sim *sim, double tau, double h)
     return combined_error(sim, h);
 }
 
-/* Does stability rather than accuracy limit the step? */
 static void accepted(ts_sim *sim, double h)
 {
-    double *last = sim->attempt.k + 11 * sim->m.stride, force = 0.0, state = 0.0;
-    for (int i = 0; i < 2 * sim->m.nq; i++) {
-        double f = sim->ahead.f[i] - last[i], y = sim->ahead.y[i] - sim->attempt.y[i];
-        force += f * f;
-        state += y * y;
-    }
-    memcpy(last + sim->m.stride, sim->ahead.f, sizeof(double) * (size_t)sim->m.stride); /* stage 12, for densify() */
-    double h_lambda = state > 0.0 ? h * sqrt(force / state) : 0.0;
-    sim->memory.choice.h_lambda = h_lambda;
-    if (h_lambda > STIFF) sim->memory.stiff += sim->memory.stiff < 1000;
-    else if (sim->memory.stiff > 0 && !sim->memory.rejected) sim->memory.stiff--;
+    double *end = sim->attempt.k + 12 * sim->m.stride; /* stage 12, for densify() */
+    watch_stiffness(sim, 11, h, STIFF);
+    memcpy(end, sim->ahead.f, sizeof(double) * (size_t)sim->m.stride);
 }
 
 static void densify(ts_sim *sim, double tau, double h)

@@ -23,19 +23,6 @@ static double error_of(ts_sim *sim, double h)
     return lost > norm ? lost : norm;
 }
 
-/* h lambda as seen between the two stages at the step's end (Hairer, Wanner, section IV.2); the last argument is in attempt.y. */
-static double fastest(const ts_sim *sim, double h)
-{
-    const double *before = sim->attempt.k + 5 * sim->m.stride;
-    double force = 0.0, state = 0.0;
-    for (int i = 0; i < 2 * sim->m.nq; i++) {
-        double f = sim->ahead.f[i] - before[i], y = sim->ahead.y[i] - sim->attempt.y[i];
-        force += f * f;
-        state += y * y;
-    }
-    return state > 0.0 ? h * sqrt(force / state) : 0.0;
-}
-
 static double attempt(ts_sim *sim, double tau, double h)
 {
     int stride = sim->m.stride, n = padded(2 * sim->m.nq);
@@ -52,14 +39,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     return error_of(sim, h);
 }
 
-/* Does stability rather than accuracy limit the step? */
-static void accepted(ts_sim *sim, double h)
-{
-    double h_lambda = fastest(sim, h);
-    sim->memory.choice.h_lambda = h_lambda;
-    if (h_lambda > STIFF) sim->memory.stiff += sim->memory.stiff < 1000;
-    else if (sim->memory.stiff > 0 && !sim->memory.rejected) sim->memory.stiff--;
-}
+static void accepted(ts_sim *sim, double h) { watch_stiffness(sim, 5, h, STIFF); }
 
 static void densify(ts_sim *sim, double tau, double h)
 {

@@ -4,8 +4,11 @@
 #define TENSEGRITY_STAGES_H
 
 #include "linear/pairs.h"
+#include "model/data.h"
 #include "model/model.h"
 #include "motion/motion.h"
+
+#include <math.h>
 
 /* Components of a vector of n, with padding. */
 ALWAYS_INLINE int padded(int n) { return (n + TS_LANES - 1) & ~(TS_LANES - 1); }
@@ -53,6 +56,23 @@ ALWAYS_INLINE void hermite(const double *RESTRICT y0, const double *RESTRICT f0,
         dense[2 * stride + i] = h * f0[i] - dy;
         dense[3 * stride + i] = 2.0 * dy - h * (f1[i] + f0[i]);
     }
+}
+
+/* Does stability rather than accuracy limit the accepted step?  h lambda as seen between a stage at its end, whose argument is still
+ * in attempt.y, and the end itself (Hairer, Wanner, section IV.2); limit: from which an implicit step may be the longer one. */
+ALWAYS_INLINE void watch_stiffness(ts_sim *sim, int stage, double h, double limit)
+{
+    const double *before = sim->attempt.k + stage * sim->m.stride;
+    double force = 0.0, state = 0.0;
+    for (int i = 0; i < 2 * sim->m.nq; i++) {
+        double f = sim->ahead.f[i] - before[i], y = sim->ahead.y[i] - sim->attempt.y[i];
+        force += f * f;
+        state += y * y;
+    }
+    double h_lambda = state > 0.0 ? h * sqrt(force / state) : 0.0;
+    sim->memory.choice.h_lambda = h_lambda;
+    if (h_lambda > limit) sim->memory.stiff += sim->memory.stiff < 1000;
+    else if (sim->memory.stiff > 0 && !sim->memory.rejected) sim->memory.stiff--;
 }
 
 #endif

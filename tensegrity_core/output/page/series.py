@@ -91,5 +91,5 @@ def _require_bars(path: Path, model: Model, result: Result) -> None:
 
 def _of_another(path: Path, model: Model, why: str) -> InputError:
     return InputError(
-        f"result = {str(path)!r} is no run of {model.name}: {why}; name the scene that was simulated: --scene SCENE"
+        f"{str(path)!r} is no run of {model.name}: {why}; name the scene that was simulated (tensegrity view: --scene SCENE)"
     )

@@ -124,3 +124,17 @@ def test_fmpys_cross_check_simulates_the_bundle_and_accepts_the_result(bundle, t
         digits = 1e-4 if name == "energy.throughput" else 2e-5
         bound = digits * (1.0 + np.max(np.abs(expected[name])))
         assert np.max(np.abs(at - expected[name])) <= bound, name
+
+
+def test_a_solver_of_the_host_keeps_what_the_bundle_says(tmp_path):
+    """fmpy's CVODE at the tolerance of the options file; of the two rows at a jump of the inputs, the first."""
+    (place,) = write_cross_check(scene(SCENE), tmp_path, cache=CACHE, kind="me")
+    options, expected = read_ref_opt_file(str(place / f"{SCENE}_ref.opt")), fmpy_csv(place / f"{SCENE}_ref.csv")
+    names = list(expected.dtype.names[1:])
+    given = fmpy_csv(place / f"{SCENE}_in.csv")
+    steps = {"stop_time": options["StopTime"], "output_interval": options["StepSize"], "relative_tolerance": options["RelTol"]}
+    found = simulate_fmu(str(place / f"{SCENE}.fmu"), input=given, output=names, **steps)
+    rows = [np.flatnonzero(np.abs(found["time"] - t) < 1e-9)[0] for t in expected["time"]]
+    for name in names:
+        assert np.max(np.abs(found[name][rows] - expected[name])) <= CLOSE * (1.0 + np.max(np.abs(expected[name]))), name
+    assert "before the jump" in (place / "ReadMe.txt").read_text(encoding="utf-8")
