@@ -8,6 +8,7 @@
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 static const struct {
     double low, high;
@@ -98,13 +99,18 @@ static double shortest_rest_length(const ts_rest *rest, int i, double h)
     return least;
 }
 
+/* Are inputs or parameters those of the last step, bit by bit?  It found them acceptable. */
+static int kept(const ts_sim *sim, int first, int end)
+{
+    return !memcmp(sim->io.values + first, sim->io.applied + first, sizeof(double) * (size_t)(end - first));
+}
+
 /* The first fixed parameter that is no longer what it was at the start, or -1. */
 static int32_t changed_parameter(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    int same = 1, method = m->int_at[TS_INT_METHOD];
-    for (int i = m->at[TS_BAR_MASS]; i < m->n_applied; i++) same = same && sim->io.values[i] == sim->io.applied[i];
-    for (int i = m->at[TS_BAR_MASS]; !same; i++)
+    int method = m->int_at[TS_INT_METHOD], looked = kept(sim, m->at[TS_BAR_MASS], m->n_applied);
+    for (int i = m->at[TS_BAR_MASS]; !looked && i < m->n_applied; i++)
         if (sim->io.values[i] != sim->io.applied[i]) return i;
     return sim->io.integers[method] == sim->memory.method ? -1 : m->n_real + method;
 }
@@ -114,7 +120,8 @@ int ts_check_change(ts_sim *sim, double h)
 {
     const ts_model *m = &sim->m;
     int32_t index;
-    int status = check_fields(sim, TS_BAR_MASS, &index); /* those behind it must not change */
+    const int tuned = !kept(sim, m->at[TS_STIFFNESS], m->at[TS_BAR_MASS]);
+    int status = check_fields(sim, tuned ? TS_BAR_MASS : TS_STIFFNESS, &index); /* those behind must not change */
     if (status != TS_OK) return status;
     for (int i = 0; !ts_all_finite(sim->io.slopes, 2 * m->n_inputs); i++)
         if (!isfinite(sim->io.slopes[i]))

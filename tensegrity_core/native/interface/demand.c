@@ -79,10 +79,12 @@ static int fill(ts_sim *sim, int groups)
     return ts_check_outputs(sim, groups, "at the end of the step");
 }
 
-/* A step has ended.  Where inputs jumped they will jump again, and that needs the energies before. */
+/* A step has ended.  Where inputs jumped they will jump again, and that needs the energies before.  Who read everything after the
+ * last step will do so again. */
 int ts_fill_after_step(ts_sim *sim, int inputs_jumped)
 {
-    const int left_out = sim->demand.left_out;
+    const int left_out = sim->demand.reads_all ? 0 : sim->demand.left_out;
+    sim->demand.reads_all = 0;
     sim->demand.moderate = left_out && is_moderate(sim);
     if (!sim->demand.moderate) return fill(sim, TS_OF_ALL);
     return fill(sim, TS_OF_ALL & ~(inputs_jumped ? left_out & ~TS_OF_ENERGIES : left_out));
@@ -116,6 +118,7 @@ int ts_fill_at(ts_sim *sim, const uint32_t *places, size_t count)
 {
     const int stale = sim->demand.stale;
     int groups = 0;
+    sim->demand.reads_all = count >= (size_t)(sim->m.n_real - sim->m.n_applied);
     const uint32_t end = (uint32_t)(sim->m.n_real + sim->m.n_int);
     for (size_t i = 0; i < count && stale & ~groups; i++)
         if (places[i] < end) groups |= sim->demand.group[places[i]];

@@ -233,6 +233,7 @@ typedef struct {
 typedef struct {
     uint8_t *group;       /* (n_real + n_int) the group of each number of the blocks, see ts_want(); 0: no output on demand */
     int32_t left_out;     /* groups that ts_step() does not fill */
+    int32_t reads_all;    /* as many outputs as there are were asked for since the last communication point */
     int32_t stale;        /* groups that are older than the last communication point */
     int32_t motion_ahead; /* coordinates and rates there are still to be taken from the open step */
     int32_t ledger_ahead; /* the ledger, too */
