@@ -258,6 +258,8 @@ def linearize(
     TensegrityError.
     """
     row = 0
+    if not isinstance(motions, bool):
+        raise InputError(f"motions = {motions!r}: give True or False; single inputs are chosen by inputs")
     if isinstance(scene, Run):
         if forces:
             raise InputError("forces: a run has its own; leave them out")

@@ -87,7 +87,7 @@ def cross_compiled(name: str, say: Callable[[str], object] = lambda text: None, 
     if target.is_file():
         return target
     if importlib.util.find_spec("ziglang") is None:
-        raise PackError(f'a library for {name} is compiled by ziglang: pip install ziglang, or -e ".[cross]"')
+        raise PackError(f"a library for {name} is compiled by ziglang; install it: pip install ziglang")
     say(f"compiling for {name} ...")
     try:
         with replacing_folder(target.parent) as fresh:

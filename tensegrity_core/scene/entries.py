@@ -231,7 +231,10 @@ class Scene(Entry):
     Make one with `load_scene` or `parse_scene`: they run the checks that need more than one key.
     """
 
-    name: Name = Field(description="name of the scene, an identifier; without it the file's name")
+    name: Name = Field(
+        description="name of the scene, an identifier: a letter, then letters, digits and _; without it the file's name is "
+        "taken, so give one or rename the file"
+    )
     description: Text = Field("", description="one line for humans, without control characters")
     source: Text = Field("", description="where the numbers come from, one line without control characters")
     gravity: Gravity = Field(9.81, description="gravity in m/s2: a number, 0 or more, towards -z, or a vector [x, y, z]")

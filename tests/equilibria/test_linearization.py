@@ -364,6 +364,8 @@ def test_any_row_of_a_run():
         tc.linearize(run, time=np.nan)
     with pytest.raises(InputError, match="a steady state has none"):
         tc.linearize("two_bar", time=1.0)
+    with pytest.raises(InputError, match=r"motions = 'n1': give True or False"):
+        tc.linearize("two_bar", motions="n1")
 
 
 @pytest.mark.parametrize("ending", [".nc", ".parquet", ".csv", ".npz"])
