@@ -98,7 +98,7 @@ def cached(
 
 
 def _pack(result: Result, key: str) -> bytes:
-    events = np.array([(t.time, t.string, t.before, t.after) for t in result.transitions]).reshape(-1, 4)
+    events = np.array([(t.time, t.string, t.before, t.after, t.contact) for t in result.transitions]).reshape(-1, 5)
     stats = result.stats
     arrays: dict[str, Any] = {"times": result.times, "transitions": events, **result.outputs}
     buffer = io.BytesIO()
@@ -115,7 +115,9 @@ def _unpack(data: bytes, key: str) -> Result | None:
     with np.load(io.BytesIO(body[64:]), allow_pickle=False) as stored:
         arrays = {name: stored[name] for name in stored.files}
     names, values = arrays.pop("stat_names"), arrays.pop("stat_values")
-    transitions = [Transition(t, int(s), int(a), int(b)) for t, s, a, b in arrays.pop("transitions").tolist()]
+    transitions = [
+        Transition(t, int(s), int(a), int(b), contact=int(c)) for t, s, a, b, c in arrays.pop("transitions").tolist()
+    ]
     return Result(transitions=transitions, stats=dict(zip(names.tolist(), values.tolist())), **arrays)
 
 

@@ -25,6 +25,7 @@ UNITS = {
     "s": Unit({"s": 1}, "Time", {"ms": 1e3}, by_default=True),
     "kg": Unit({"kg": 1}, "Mass", {"g": 1e3}),
     "m/s": Unit({"m": 1, "s": -1}, "Velocity", {"mm/s": 1e3}),
+    "s/m": Unit({"m": -1, "s": 1}, "Slowness", {}),
     "m/s2": Unit({"m": 1, "s": -2}, "Acceleration", {}),
     "N": Unit({"kg": 1, "m": 1, "s": -2}, "Force", {"kN": 1e-3}),
     "N/m": Unit({"kg": 1, "s": -2}, "TranslationalSpringConstant", {"N/mm": 1e-3, "kN/m": 1e-3}),

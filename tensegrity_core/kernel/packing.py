@@ -34,6 +34,10 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "torque_constant": np.array([motor.torque_constant for motor in motors]),
         "drum_radius": np.array([motor.radius for motor in motors]),
         "bar_mass": model.bar_mass,
+        "contact_stiffness": np.array([contact.stiffness for contact in model.contacts]),
+        "contact_damping": np.array([contact.damping for contact in model.contacts]),
+        "contact_tangential_stiffness": np.array([contact.tangential_stiffness for contact in model.contacts]),
+        "contact_friction": np.array([contact.friction for contact in model.contacts]),
         "nsh_Q": np.array([x for nsh in beams for x in nsh.Q]),
         "nsh_zeta": np.array([x for nsh in beams for x in nsh.zeta]),
         "nsh_h": np.array([x for nsh in beams for x in nsh.h]),
@@ -98,12 +102,18 @@ class _Programs:
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
     """The model as the packed bytes that the kernel reads; the layout stands in native/model/packed.c.
 
-    method, tolerance, max_step: defaults of the fields of these names.  Raises InputError for a model beyond class 1.
+    method, tolerance, max_step: defaults of the fields of these names.  Raises InputError for a model beyond class 1 or
+    on the ground.
     """
     if model.joint:
         raise InputError(
             f"{model.name}: {model.joint}, which the kernel and FMUs cannot simulate yet; "
             "use tensegrity_core.reference.simulate, or let every bar have its own nodes"
+        )
+    if model.ground is not None:
+        raise InputError(
+            f"{model.name}: it stands on the ground, which the kernel and FMUs cannot simulate yet; "
+            "use tensegrity_core.reference.simulate, or leave [ground] out"
         )
     axes = list(model.axes)
     counts = [model.counts[letter] for letter in COUNTS]

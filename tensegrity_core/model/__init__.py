@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from .ground import Contact, Ground
 from .inputs import Inputs, grid, held
 from .model import NSH, Actuator, Model
 from .result import Result, Transition
 
-__all__ = ["NSH", "Actuator", "Inputs", "Model", "Result", "Transition", "grid", "held"]
+__all__ = ["NSH", "Actuator", "Contact", "Ground", "Inputs", "Model", "Result", "Transition", "grid", "held"]

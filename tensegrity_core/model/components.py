@@ -37,6 +37,8 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
         "R": [{"R": model.node_names[node]} for node, _ in model.drag],
         "E": [{"E": model.node_names[node]} for node in model.moving],
         "A": [{"A": model.string_names[i]} for i in model.actuated],
+        "K": [{"K": model.node_names[contact.node]} for contact in model.contacts],
+        "W": [{"W": ""}] * model.counts["W"],
     }
     for parts in product(*(letters[letter] for letter in field.shape)):
         yield {key: value for part in parts for key, value in part.items()}

@@ -144,7 +144,15 @@ def just_after(times: np.ndarray) -> np.ndarray:
 
 
 def held(
-    model: Model, times: np.ndarray, force=None, rest_length=None, current=None, motion=None, drum_load=None, **others
+    model: Model,
+    times: np.ndarray,
+    force=None,
+    rest_length=None,
+    current=None,
+    motion=None,
+    drum_load=None,
+    ground=None,
+    **others,
 ) -> Inputs:
     """Sample signals into held inputs; None, or no signal: as the model starts.
 
@@ -154,6 +162,7 @@ def held(
     (rate = difference / step).
     motion: function of t -> positions (E, 3), m, and velocities (E, 3), m/s, of the moved nodes, sampled at the
     communication points (acceleration = difference of velocities / step).
+    ground: likewise, function of t -> height, m, and its rate, m/s, of a ground that moves.
     Raises InputError for a signal of what is no such input.
     """
     times = np.asarray(times, dtype=float)
@@ -174,6 +183,10 @@ def held(
         position, velocity = (np.array(part, dtype=float) for part in zip(*(motion(t) for t in times)))
         acceleration = np.diff(velocity, axis=0) / np.diff(times)[:, None, None]
         found |= {"node_position": position[:-1], "node_velocity": velocity[:-1], "node_acceleration": acceleration}
+    if ground is not None:
+        height, rate = (np.array(part, dtype=float).reshape(steps + 1, -1) for part in zip(*(ground(t) for t in times)))
+        acceleration = np.diff(rate, axis=0) / np.diff(times)[:, None]
+        found |= {"ground_height": height[:-1], "ground_velocity": rate[:-1], "ground_acceleration": acceleration}
     return Inputs(times, **found).resolved(model)
 
 

@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..quantities import array_of, floats, number, pairs_of
 from . import joints
 from .elements import Beam, Damper, Element, Series, remembers
+from .ground import Contact, Ground
 from .welds import Weld, rigid_bodies
 
 
@@ -102,6 +103,8 @@ class Model:
         moving_axes: (node, axes) of the `moving` nodes that are moved along some of the axes along which they are fixed, and
             not along all that the scene uses, in node order; what inputs say of other axes is ignored.
         welds: bars that are one rigid body, weld by weld, rising.
+        ground: a plane that the nodes of `contacts` cannot pass, or None.
+        contacts: the nodes that may touch the ground, in node order.
     """
 
     name: str
@@ -134,6 +137,8 @@ class Model:
     partly_fixed: tuple[tuple[int, tuple[int, ...]], ...] = ()
     moving_axes: tuple[tuple[int, tuple[int, ...]], ...] = ()
     welds: tuple[tuple[int, ...], ...] = ()
+    ground: Ground | None = None
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self):
         if np.size(self.gravity) == 1:
@@ -147,6 +152,7 @@ class Model:
         for name in ("partly_fixed", "moving_axes"):
             self._set(name, tuple((int(node), tuple(int(axis) for axis in axes)) for node, axes in getattr(self, name)))
         self._set("welds", tuple(tuple(int(bar) for bar in weld) for weld in self.welds))
+        self._set("contacts", tuple(sorted(self.contacts, key=lambda contact: contact.node)))
         for name in ("bars", "strings"):
             self._set(name, pairs_of(name, getattr(self, name)))
         for name in ("nsh", "element", "damper", "actuator"):
@@ -306,4 +312,6 @@ class Model:
             "R": len(self.drag),
             "E": len(self.moving),
             "A": len(self.actuated),
+            "K": len(self.contacts),
+            "W": int(self.ground is not None and self.ground.moving),
         }

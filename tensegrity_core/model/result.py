@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fields import Field, outputs
+from .ground import CONTACT_MODES
+from .model import Model
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,8 @@ class Transition:
     """A string changed its piece: piece 0 is slack, 1.. the pieces of its force curve in order of elongation.
 
     A string with memory is on piece 1 plus the number of its snapped parts; loss: energy that a snap of it loses, J.
+    Or a node's contact with the ground changed its mode, a place in `CONTACT_MODES`: contact is its place among the model's
+    contacts then, and string is -1.
     """
 
     time: float
@@ -22,6 +26,23 @@ class Transition:
     before: int
     after: int
     loss: float = 0.0
+    contact: int = -1
+
+    @property
+    def kind(self) -> str:
+        """Of a contact: touch_down, lift_off, clip, unclip, slip or stick; '' of a string."""
+        if self.contact < 0:
+            return ""
+        before, after = CONTACT_MODES[self.before], CONTACT_MODES[self.after]
+        if "apart" in (before, after):
+            return "touch_down" if before == "apart" else "lift_off"
+        if "clipped" in (before, after):
+            return "clip" if after == "clipped" else "unclip"
+        return {"slipping": "slip", "sticking": "stick"}[after]
+
+    def name(self, model: Model) -> str:
+        """Of its string, or of the node that touches the ground."""
+        return model.string_names[self.string] if self.contact < 0 else model.node_names[model.contacts[self.contact].node]
 
 
 class Result:
@@ -64,7 +85,13 @@ class Result:
 
 def _line(field: Field) -> str:
     """A series in one line of the docstring: name, shape, unit, meaning."""
-    shape = "(K+1, N, 3)" if field.shape[-1:] == ("D",) else f"(K+1, {field.shape[0]})" if field.shape else "(K+1,)"
+    shape = (
+        f"(K+1, {'K' if 'K' in field.shape else 'N'}, 3)"
+        if field.shape[-1:] == ("D",)
+        else f"(K+1, {field.shape[0]})"
+        if field.shape
+        else "(K+1,)"
+    )
     return f"    {field.name}: {shape} {field.unit}; {field.meaning}"
 
 

@@ -17,15 +17,17 @@ from .model import Model
 Signal = Any
 #: The inputs that signals give; rates and accelerations follow from them.
 _GIVEN = [name for name in INPUTS if name not in RATES.values()]
+#: Of a motion both are given: position -> its rate, the argument of `held`, and what moves.
+_MOTIONS = {
+    "node_position": ("node_velocity", "motion", "a moved node needs its position and its velocity"),
+    "ground_height": ("ground_velocity", "ground", "a ground that moves needs its height and its velocity"),
+}
+_FOLLOWED = [rate for rate, _, _ in _MOTIONS.values()]
 
 
 def places(model: Model) -> dict[str, tuple[str, int]]:
     """Name -> field, and place among the field's flat values, of all inputs that a signal may give."""
-    return {name: (field, i) for field in [*_GIVEN, *_moved(model)] for i, name in enumerate(names(INPUTS[field], model))}
-
-
-def _moved(model: Model) -> list[str]:
-    return ["node_velocity"] if model.moving else []
+    return {name: (field, i) for field in [*_GIVEN, *_FOLLOWED] for i, name in enumerate(names(INPUTS[field], model))}
 
 
 def driven(model: Model, times: np.ndarray, signals: Mapping[str, Signal]) -> Inputs:
@@ -39,19 +41,24 @@ def driven(model: Model, times: np.ndarray, signals: Mapping[str, Signal]) -> In
     given: dict[str, list] = {}
     for name, signal in signals.items():
         given.setdefault(known[name][0], []).append((known[name][1], name, sampler(name, signal)))
-    if ("node_position" in given) != ("node_velocity" in given):
-        first = next(name for name in signals if known[name][0] in ("node_position", "node_velocity"))
-        raise InputError(f"{first}: a moved node needs its position and its velocity over time; give both")
+    for field, (rate, _, needs) in _MOTIONS.items():
+        if (field in given) != (rate in given):
+            first = next(name for name in signals if known[name][0] in (field, rate))
+            raise InputError(f"{first}: {needs} over time; give both")
     start = {field: flattened(INPUTS[field], model, value[None])[0] for field, value in starts(model).items()}
 
     def signal_of(field: str) -> Callable[[float], np.ndarray] | None:
         return None if field not in given else lambda t: _full(model, field, start[field], given[field], t)
 
-    arguments: dict[str, Any] = {field: signal_of(field) for field in _GIVEN if field != "node_position"}
-    position, velocity = signal_of("node_position"), signal_of("node_velocity")
-    if position and velocity:
-        arguments["motion"] = lambda t: (position(t), velocity(t))
+    arguments: dict[str, Any] = {field: signal_of(field) for field in _GIVEN if field not in _MOTIONS}
+    for field, (rate, argument, _) in _MOTIONS.items():
+        if field in given:
+            arguments[argument] = _both(signal_of(field), signal_of(rate))
     return held(model, times, **arguments)
+
+
+def _both(position: Any, velocity: Any) -> Callable[[float], tuple]:
+    return lambda t: (position(t), velocity(t))
 
 
 def _full(model: Model, field: str, start: np.ndarray, signals: list, t: float) -> np.ndarray:

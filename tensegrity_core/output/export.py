@@ -53,8 +53,8 @@ def write_columns(series: dict[str, np.ndarray], path: Path, told: Callable[[flo
 
 def _arrays(model: Model, result: Result) -> dict[str, np.ndarray]:
     arrays = {"times": result.times, **result.outputs}
-    events = [(t.time, t.string, t.before, t.after, t.loss) for t in result.transitions]
-    kinds = [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4"), ("loss", "f8")]
+    events = [(t.time, t.string, t.before, t.after, t.loss, t.contact) for t in result.transitions]
+    kinds = [("time", "f8"), ("string", "i4"), ("before", "i4"), ("after", "i4"), ("loss", "f8"), ("contact", "i4")]
     arrays["transitions"] = np.array(events, kinds)
     for kind in ("node", "bar", "string"):
         arrays[f"{kind}_names"] = np.array(getattr(model, f"{kind}_names"), dtype=str)

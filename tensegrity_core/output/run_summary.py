@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..model import Model, Result
+from ..model import Model, Result, Transition
 
 
 def end_of_run(model: Model, result: Result) -> str:
@@ -27,7 +27,7 @@ def end_of_run(model: Model, result: Result) -> str:
 def data(model: Model, result: Result) -> dict[str, Any]:
     """The same, as JSON takes it: s, m, N, J."""
     events = [
-        {"time": t.time, "string": model.string_names[t.string], "before": t.before, "after": t.after, "loss": t.loss}
+        {"time": t.time, _owner(t): t.name(model), "before": t.before, "after": t.after, "loss": t.loss, **_kind(t)}
         for t in result.transitions
     ]
     axes = list(model.axes)
@@ -40,3 +40,11 @@ def data(model: Model, result: Result) -> dict[str, Any]:
         "nodes": dict(zip(model.node_names, result.position[-1][:, axes].tolist())),
         "string_forces": dict(zip(model.string_names, result.string_force[-1].tolist())),
     }
+
+
+def _owner(transition: Transition) -> str:
+    return "string" if transition.contact < 0 else "node"
+
+
+def _kind(transition: Transition) -> dict[str, str]:
+    return {"kind": transition.kind} if transition.kind else {}

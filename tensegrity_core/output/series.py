@@ -42,9 +42,9 @@ class BadSeries(ValueError):
 
 TRANSITION = {
     "time": _Part("s", "when a string changed its piece", float),
-    "string": _Part("", "name of the string", str),
-    "before": _Part("1", "piece before, 0: slack", np.int32),
-    "after": _Part("1", "piece after, 0: slack", np.int32),
+    "string": _Part("", "name of the string, or of the node that touches the ground", str),
+    "before": _Part("1", "piece before, 0: slack; of a node 0: apart, 1: sticking, 2: slipping, 3: clipped", np.int32),
+    "after": _Part("1", "piece after", np.int32),
     "loss": _Part("J", "energy that the snap lost", float),
 }
 
@@ -57,9 +57,7 @@ def dataset(model: Model, result: Result, **attributes: Any) -> xr.Dataset:
         for name, values in zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True):
             variables[name] = ("time", np.ascontiguousarray(values), told)
     for name, part in TRANSITION.items():
-        values = [getattr(t, name) for t in result.transitions]
-        if name == "string":
-            values = [model.string_names[i] for i in values]
+        values = [t.name(model) if name == "string" else getattr(t, name) for t in result.transitions]
         told = {"long_name": part.meaning} | ({"units": part.unit} if part.unit else {})
         variables[f"transition.{name}"] = ("transition", np.array(values, dtype=part.kind), told)
     times = {"time": ("time", result.times, {"units": "s", "long_name": "time"})}

@@ -74,5 +74,7 @@ def _require_well_posed(model: Model) -> None:
     for node, _ in model.drag:
         if model.fixed[node]:
             raise InputError(f"drag names the fixed node {model.node_names[node]!r}; leave it out")
+    if model.ground is not None:
+        raise InputError(f"{model.name}: it stands on the ground, which the reference does not know yet; leave [ground] out")
     if model.damping_law not in ("literal", "tension_only"):
         raise InputError(f"damping_law = {model.damping_law!r}: use 'literal' or 'tension_only'")

@@ -12,6 +12,7 @@ from ..model.elements import KINDS, key_of
 from ..model.welds import joined
 from . import costs
 from .entries import Entry, Scene
+from .ground import check_ground
 from .messages import require_known, twice
 
 #: Names that are not a component's: they stand at the top of the simulation's variables, or mean the time.
@@ -40,9 +41,11 @@ def _check_names(scene: Scene) -> None:
         raise scene.error("name", "is a device's name on Windows, where no file can have it", "Give the scene another name.")
     kinds: dict[str, dict[str, Any]] = {"nodes": scene.nodes, "bars": scene.bars, "strings": scene.strings}
     seen: dict[str, str] = {}
+    words = VARIABLE_WORDS if scene.ground is not None else VARIABLE_WORDS - {"contact"}
+    reserved = RESERVED_NAMES if scene.ground is not None else RESERVED_NAMES - {"ground"}
     for kind, table in kinds.items():
         for name in table:
-            if name in RESERVED_NAMES:
+            if name in reserved:
                 raise scene.error(f"{kind}.{name}", f"{name} is a reserved name", "Rename it.")
             if name in seen:
                 raise scene.error(f"{kind}.{name}", f"{seen[name]} has the same name", "Rename one of the two.")
@@ -51,13 +54,9 @@ def _check_names(scene: Scene) -> None:
         for at, letter in enumerate(name):
             # n4.force.x and a node n4_force would both flatten to n4_force_x
             head, tail = name[:at], name[at + 1 :]
-            if letter == "_" and (head in seen or head in RESERVED_NAMES) and _is_variable(head, tail):
+            if letter == "_" and (head in reserved or (head in seen and tail.split("_")[0] in words)):
                 problem = f"reads like a variable of {seen.get(head, head)} once dots become underscores"
                 raise scene.error(key, problem, f"Rename it so that it does not start with {head}_.")
-
-
-def _is_variable(head: str, tail: str) -> bool:
-    return head in RESERVED_NAMES or tail.split("_")[0] in VARIABLE_WORDS
 
 
 def _check_coordinates(scene: Scene) -> None:
@@ -356,6 +355,7 @@ CHECKS = (
     _check_members,
     _check_honeycombs,
     _check_loads,
+    check_ground,
     _check_welds,
     _check_velocities,
     _check_costs,

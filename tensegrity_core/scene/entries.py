@@ -216,6 +216,35 @@ class String(Entry):
     damper: str | None = _optional("name of one of the [dampers], instead of a damping")
 
 
+class Contact(Entry):
+    """What of the ground is other than its own under one node."""
+
+    stiffness: Positive | None = _optional("stiffness k_n under this node in N/m, greater than 0")
+    damping: NotNegative | None = _optional("damping c under this node in s/m, 0 or more")
+    friction: NotNegative | None = _optional("coefficient mu of friction of this node, 0 or more")
+    tangential_stiffness: Positive | None = _optional("stiffness k_t of friction of this node in N/m, greater than 0")
+
+
+class Ground(Entry):
+    """A plane that nodes cannot pass, but for a small elastic penetration."""
+
+    point: Point | None = _optional("a point of the plane in m (two numbers in a planar scene), the origin without it")
+    normal: Point | None = _optional(
+        "a vector out of the ground, of any length but 0 (two numbers in a planar scene); z without it"
+    )
+    stiffness: Positive = Field(description="stiffness k_n in N/m, a number greater than 0")
+    damping: NotNegative = Field(0.0, description="damping c in s/m, 0 or more: N = k_n delta (1 + c delta')")
+    friction: NotNegative = Field(0.0, description="coefficient mu of friction, 0 or more")
+    tangential_stiffness: Positive | None = _optional(
+        "stiffness k_t of friction before it slips in N/m, greater than 0; the stiffness k_n without it"
+    )
+    nodes: Names | None = _optional("names of the nodes that may touch it, at least one; all that can move without it")
+    moving: bool = Field(False, description="true: its height along the normal is an input, false: it stands")
+    at: dict[str, Contact] = Field(
+        default_factory=dict, description="node name = what is other under this node, as in at.n4 = { friction = 0.2 }"
+    )
+
+
 class Prestress(Entry):
     """What is known of the strings at the given coordinates; the equilibrium gives the rest."""
 
@@ -277,6 +306,7 @@ class Scene(Entry):
     velocities: dict[str, Velocity] = Field(
         default_factory=dict, description="node name = its start velocity [x, y, z] in m/s (two components in a planar scene)"
     )
+    ground: Ground | None = _optional("a plane that nodes cannot pass")
     prestress: Prestress = Field(default_factory=Prestress, description="what is known of the strings at the given coordinates")
 
     _file: str = PrivateAttr("")
@@ -354,6 +384,33 @@ class Scene(Entry):
         if entry.coefficients is not None:
             return elements.Polynomial(entry.coefficients)
         return elements.Table(entry.given("rate"), entry.given("force"), entry.interpolation or "linear")
+
+    @property
+    def touching(self) -> tuple[str, ...]:
+        """Names of the nodes that may touch the ground, in the order of the nodes; none without a ground."""
+        if self.ground is None:
+            return ()
+        named, held = self.ground.nodes, self.held
+        return tuple(name for name in self.nodes if (name in named if named else held.get(name) != self.axes))
+
+    def contact(self, node: str) -> dict[str, float]:
+        """The numbers of the ground under a node, by the keys of [ground]."""
+        ground: Any = self.ground
+        own = ground.at.get(node)
+        found = {}
+        for key in Contact.model_fields:
+            value = getattr(own, key, None)
+            found[key] = getattr(ground, key) if value is None else value
+        if found["tangential_stiffness"] is None:
+            found["tangential_stiffness"] = found["stiffness"]
+        return found
+
+    def upward(self) -> tuple[float, float, float]:
+        """The unit vector out of the ground."""
+        given = self.vector(self.ground.normal) if self.ground and self.ground.normal else (0.0, 0.0, 1.0)
+        largest = max(map(abs, given))  # so that no square overflows, or vanishes
+        size = math.hypot(*(value / largest for value in given))
+        return given[0] / largest / size, given[1] / largest / size, given[2] / largest / size
 
     def needs_stiffness(self, string: str) -> bool:
         """Whether the string's own stiffness acts: not where an element without end or memory replaces it."""

@@ -31,7 +31,7 @@ def require(scene: Scene, model: Model) -> None:
     """Raise SceneError where the model cannot be simulated."""
     load_library()  # that it is missing is no fault of the scene
     _require_rates(scene, model)
-    if model.joint:  # the kernel says so when it is asked
+    if model.joint or model.ground is not None:  # the kernel says so when it is asked
         return
     failure = _refusal(model)
     if failure is None:
@@ -87,6 +87,14 @@ def _require_rates(scene: Scene, model: Model) -> None:
                     f"is too small beside the {what} of {model.string_names[i]} ({value:.3g} {unit}), which moves it too fast"
                 )
                 raise scene.error(key, problem, "Raise the inertia, or lower the other.")
+    for contact in model.contacts:
+        name, node = model.node_names[contact.node], contact.node
+        for what, value in (
+            ("the ground's stiffness", contact.stiffness),
+            ("friction's stiffness", contact.tangential_stiffness),
+        ):
+            if inertia[node] > 0.0 and value / inertia[node] > FASTEST_SWING**2:
+                _too_fast(scene, model, owner[node], node, f"{what} under {name}", value, "N/m")
     for node, value in model.drag:
         if inertia[node] > 0.0 and value / inertia[node] > FASTEST_DECAY:
             _too_fast(scene, model, owner[node], node, "the drag there", value, "N s/m")

@@ -10,7 +10,7 @@ import numpy as np
 from .. import laws
 from ..errors import InputError
 from ..laws import hysteresis
-from ..model import NSH, Actuator, Model
+from ..model import NSH, Actuator, Contact, Ground, Model
 from ..model.elements import remembers
 from . import simulable
 from .matrices import TooLarge, lengths_between
@@ -30,6 +30,8 @@ def build_model(scene: Scene) -> Model:
     negative, no equilibrium exists, or the model cannot be simulated (see `simulable`).
     """
     _require_laws(scene)
+    if scene.ground is not None and scene.start != "released":
+        raise scene.error("start", "statics do not know the ground yet", 'Write start = "released".', scene.start)
     model = _at_given_coordinates(scene)
     tension = prestress(scene, model)
     model = replace(model, rest_length=rest_lengths(scene, model, tension))
@@ -120,7 +122,16 @@ def _at_given_coordinates(scene: Scene) -> Model:
         partly_fixed=_single_axes(scene, scene.held, index),
         moving_axes=_single_axes(scene, scene.moved, index),
         welds=tuple(tuple(sorted(bars.index(name) for name in weld)) for weld in scene.weld),
+        ground=_ground(scene),
+        contacts=tuple(Contact(index[name], **scene.contact(name)) for name in scene.touching),
     )
+
+
+def _ground(scene: Scene) -> Ground | None:
+    if scene.ground is None:
+        return None
+    point = scene.vector(scene.ground.point or (0.0,) * len(scene.axes))
+    return Ground(point, scene.upward(), scene.ground.moving)
 
 
 def _single_axes(scene: Scene, along: dict[str, tuple[int, ...]], index: dict[str, int]) -> tuple:

@@ -12,10 +12,11 @@ from tensegrity_core.errors import SceneError
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
 from tests.laws.test_elements import WHOLE
-from tests.scene import test_scene, test_scene_joints, test_scene_loads
+from tests.scene import test_scene, test_scene_ground, test_scene_joints, test_scene_loads
 from tests.scene.test_scene import write
 
 GOOD = {"braced": test_scene.GOOD, "crane": test_scene_loads.GOOD, "woven": WHOLE, "jointed": test_scene_joints.GOOD}
+GOOD |= {"stick": test_scene_ground.GOOD}
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))
 
 

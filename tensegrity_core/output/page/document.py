@@ -136,7 +136,7 @@ def _run(model: Model, result: Result, force: np.ndarray | None) -> dict[str, An
     )
     step = max(1, -(-rows.size // MOST_NUMBERS))
     kept = np.unique(np.append(np.arange(0, len(rows), step), len(rows) - 1))
-    events = [[t.time, t.string, t.before, t.after, t.loss] for t in result.transitions]
+    events = [[t.time, t.string, t.before, t.after, t.loss] for t in result.transitions if t.contact < 0]
     told: dict[str, Any] = {
         "times": packed(result.times[kept].astype("<f8").tobytes()),
         "values": packed(rows[kept].astype("<f4").tobytes()),

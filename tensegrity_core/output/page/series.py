@@ -59,10 +59,10 @@ def _transitions(data: xr.Dataset, model: Model) -> list[Transition]:
     rows = series.transitions(data)
     if not len(rows):
         return []
-    strings = [model.string_names.index(name) for name in rows["string"]]
-    return [
-        Transition(t, s, b, a, lost) for t, s, b, a, lost in zip(rows["time"], strings, *(rows[n] for n in REST), strict=True)
-    ]
+    touching = {model.node_names[contact.node]: (-1, place) for place, contact in enumerate(model.contacts)}
+    owners = touching | {name: (place, -1) for place, name in enumerate(model.string_names)}  # names are unique across kinds
+    rest = zip(rows["string"], rows["time"], *(rows[part] for part in REST), strict=True)
+    return [Transition(t, owners[name][0], b, a, lost, owners[name][1]) for name, t, b, a, lost in rest]
 
 
 def _from_npz(path: Path, model: Model) -> Result:
