@@ -54,8 +54,8 @@ enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TAB
     X(TS_CONTACT_FORCE, TS_ROLE_OUTPUT, TS_K, TS_D, -DBL_MAX, DBL_MAX) /* N: force of friction on it, in the plane */ \
     X(TS_KINETIC, TS_ROLE_OUTPUT, -1, -1, 0.0, DBL_MAX) /* J: kinetic energy */ \
     X(TS_POTENTIAL, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: gravitational potential energy, zero at z = 0 */ \
-    X(TS_ELASTIC, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: energy stored in the strings, and in the ground under nodes */ \
-    X(TS_DISSIPATED, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: energy lost in dampers, drag, motors, snaps, ground and friction since the start */ \
+    X(TS_ELASTIC, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: energy stored in the strings */ \
+    X(TS_DISSIPATED, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: energy lost in dampers, drag, motors and snaps since the start */ \
     X(TS_INPUT_WORK, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: work of all inputs and of parameter jumps since the start */ \
     X(TS_THROUGHPUT, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: integral of the sum of |power|, the scale of the energy ledger */ \
 

@@ -442,7 +442,7 @@ def room(name: str, one: np.ndarray, other: np.ndarray) -> float:
 def differences(one: Record, other: Record, series: bool) -> list[Difference]:
     """Entries of `one`, recorded now, that differ from those of `other`, recorded before."""
     lost = [Difference(name, np.inf, False, "is missing") for name in other if name not in one]
-    new = [Difference(name, np.inf, False, "is new") for name in one if name not in other]
+    new = [Difference(name, np.inf, False, "is new") for name in one if name not in other and np.size(one[name])]
     found = (compared(name, one[name], other[name], series) for name in one if name in other)
     return lost + new + [difference for difference in found if difference]
 
