@@ -24,6 +24,7 @@ from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
 from .errors import InputError
 from .fields import outputs
+from .kernel.packing import unknown
 from .model import Inputs, Model, Result, grid
 from .model.components import names, own_names
 from .model.inputs import INPUTS, carried, require_room
@@ -227,7 +228,7 @@ def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equi
     model = load(scene)
     force = _constant(model, forces)
     model = steady_states.reached(model, force) if force.any() else statics.settle(model)
-    run = reference.simulate if model.joint or model.ground is not None else kernel.simulate  # only its first row counts
+    run = reference.simulate if unknown(model) is not None else kernel.simulate  # only its first row counts
     result = run(model, driven(model, grid(1e-3, 1e-3), forces or {}))
     data = series.dataset(model, result, loaded=_words(forces)).isel(time=0).drop_dims("transition")
     return Equilibrium(model, data)

@@ -79,6 +79,7 @@ COUNTS = {
     "A": "strings with an actuator, in string order",
     "K": "nodes that may touch the ground, in node order",
     "W": "heights of the ground that are inputs: 1 where it moves, else 0",
+    "M": "strings with mass, in string order",
 }
 
 # A table, with one or two lines a row:
@@ -107,6 +108,7 @@ FIELDS = (
     Field("drag", "tunable", ("R",), "N.s/m", "{R}.drag", "drag coefficient of a node: force per velocity", low=0.0),
     Field("bar_mass", "fixed", ("B",), "kg", "{B}.mass", "mass", low=POSITIVE),
     Field("point_mass", "fixed", ("P",), "kg", "{P}.mass", "mass at a node, beside its bar's", low=0.0),
+    Field("string_mass", "fixed", ("M",), "kg", "{M}.mass", "mass, lumped at the string's nodes", low=POSITIVE),
     Field("nsh_Q", "fixed", ("Z",), "N", "{Z}.nsh.Q[{beam}]", "force scale of a beam, eq. 11", low=POSITIVE),
     Field("nsh_zeta", "fixed", ("Z",), "1", "{Z}.nsh.zeta[{beam}]", "shape parameter of a beam, eq. 11", low=POSITIVE),
     Field("nsh_h", "fixed", ("Z",), "m", "{Z}.nsh.h[{beam}]", "height of a beam's arch, eq. 11", low=POSITIVE),

@@ -71,7 +71,7 @@ def end_stiffness(model: Model) -> Model:
 
 def lengths(model: Model) -> np.ndarray:
     """(S,) m, at the start."""
-    return statics.lengths_between(model.nodes, model.strings)
+    return model.string_lengths(model.nodes)
 
 
 def in_series(law: str) -> Callable[[Model], Model]:

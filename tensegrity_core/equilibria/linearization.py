@@ -81,7 +81,7 @@ def at_rest(model: Model, force=None) -> State:
     given["node_velocity"] = np.zeros_like(given["node_velocity"])
     if force is not None:
         given["force"] = np.asarray(force, dtype=float)
-    tension = statics.string_tension(model, statics.lengths_between(model.nodes, model.strings))
+    tension = statics.string_tension(model, model.string_lengths(model.nodes))
     radius = np.array([motor.radius for motor in model.motors.values()])
     constant = np.array([motor.torque_constant for motor in model.motors.values()])
     if len(radius):

@@ -28,6 +28,7 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "damping": model.damping,
         "gravity": np.array([model.gravity] if np.ndim(model.gravity) == 0 else model.g[list(model.axes)], dtype=float),
         "drag": np.array([value for _, value in model.drag]),
+        "string_mass": model.string_mass[list(model.massive_strings)],
         "point_mass": np.array([value for _, value in model.point_mass]),
         "motor_inertia": np.array([motor.inertia for motor in motors]),
         "motor_damping": np.array([motor.damping for motor in motors]),
@@ -99,21 +100,31 @@ class _Programs:
             self.doubles += value if isinstance(value, tuple) else [value] if isinstance(value, float) else []
 
 
+def unknown(model: Model) -> tuple[str, str] | None:
+    """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
+    plain = "let strings join two nodes, without mass, and pull only"
+    for string, _ in model.routes:
+        return f"string {model.string_names[string]} runs over more than two nodes", plain
+    for string in model.massive_strings:
+        return f"string {model.string_names[string]} has mass", plain
+    for string in np.flatnonzero(model.two_way):
+        return f"string {model.string_names[string]} is a spring that also pushes (two_way)", plain
+    if model.ground is not None:
+        return "it stands on the ground", "leave [ground] out"
+    return (model.joint, "let every bar have its own nodes") if model.joint else None
+
+
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
     """The model as the packed bytes that the kernel reads; the layout stands in native/model/packed.c.
 
-    method, tolerance, max_step: defaults of the fields of these names.  Raises InputError for a model beyond class 1 or
-    on the ground.
+    method, tolerance, max_step: defaults of the fields of these names.  Raises InputError for what the kernel
+    does not know yet.
     """
-    if model.joint:
+    if (beyond := unknown(model)) is not None:
+        what, remedy = beyond
         raise InputError(
-            f"{model.name}: {model.joint}, which the kernel and FMUs cannot simulate yet; "
-            "use tensegrity_core.reference.simulate, or let every bar have its own nodes"
-        )
-    if model.ground is not None:
-        raise InputError(
-            f"{model.name}: it stands on the ground, which the kernel and FMUs cannot simulate yet; "
-            "use tensegrity_core.reference.simulate, or leave [ground] out"
+            f"{model.name}: {what}, which the kernel and FMUs cannot simulate yet; "
+            f"use tensegrity_core.reference.simulate, or {remedy}"
         )
     axes = list(model.axes)
     counts = [model.counts[letter] for letter in COUNTS]

@@ -9,6 +9,7 @@ from ..model import Model
 from ..model.elements import Element, Spring, remembers
 from . import hysteresis
 from .elements import law
+from .two_way import TwoWay
 
 
 class StringLaw(Protocol):
@@ -53,6 +54,8 @@ class StringLaw(Protocol):
 def string_law(model: Model, i: int) -> StringLaw:
     """The law of string i; of one with memory as stretched from slack.  Raises InputError where a parameter is out of range."""
     k = model.stiffness.item(i)
+    if model.two_way[i]:
+        return TwoWay(k)
     return element_law(model.elements.get(i) or Spring(k), k)
 
 
@@ -67,5 +70,5 @@ def slack_branches(model: Model) -> dict[int, hysteresis.Branch]:
 
 
 def curved_laws(model: Model) -> dict[int, StringLaw]:
-    """The laws of the strings that are no springs; those are straight lines, done all at once."""
+    """The laws of the strings that are no springs; springs, two_way ones too, are straight lines, done all at once."""
     return {i: string_law(model, i) for i in model.elements}

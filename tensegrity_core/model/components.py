@@ -39,6 +39,7 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
         "A": [{"A": model.string_names[i]} for i in model.actuated],
         "K": [{"K": model.node_names[contact.node]} for contact in model.contacts],
         "W": [{"W": ""}] * model.counts["W"],
+        "M": [{"M": model.string_names[i]} for i in model.massive_strings],
     }
     for parts in product(*(letters[letter] for letter in field.shape)):
         yield {key: value for part in parts for key, value in part.items()}

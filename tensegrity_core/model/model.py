@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..quantities import array_of, floats, number, pairs_of
-from . import joints
+from . import joints, routes
 from .elements import Beam, Damper, Element, Series, remembers
 from .ground import Contact, Ground
 from .welds import Weld, rigid_bodies
@@ -96,7 +96,8 @@ class Model:
         element: per string its force law where it is neither a spring nor an NSH, else None.
         damper: per string its damping law where it is not linear, else None.
         actuator: per string its actuator, or None; current: (A,) A, drum_load: (A,) N, their start values.
-        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order; a free node on no bar has one.
+        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order; a free node on no bar has one,
+            or a string's mass.
         drag: (node, N.s/m) of the nodes with viscous drag, in node order.
         moving: nodes whose motion is an input, in node order: fixed ones, and partly fixed ones that `moving_axes` names.
         partly_fixed: (node, axes) of the free nodes that are fixed along some of the scene's axes, in node order.
@@ -105,6 +106,10 @@ class Model:
         welds: bars that are one rigid body, weld by weld, rising.
         ground: a plane that the nodes of `contacts` cannot pass, or None.
         contacts: the nodes that may touch the ground, in node order.
+        routes: (string, all its nodes in order) of the strings over more than two nodes, in string order; `strings` has their
+            first two nodes.
+        string_mass: (S,) kg, lumped at each string's nodes, see `routes`.
+        two_way: (S,) bool, springs that also push: their tension is k times the elongation, whatever its sign.
     """
 
     name: str
@@ -139,6 +144,9 @@ class Model:
     welds: tuple[tuple[int, ...], ...] = ()
     ground: Ground | None = None
     contacts: tuple[Contact, ...] = ()
+    routes: tuple[tuple[int, tuple[int, ...]], ...] = ()
+    string_mass: np.ndarray = field(default_factory=_none)
+    two_way: np.ndarray = field(default_factory=_none)
 
     def __post_init__(self):
         if np.size(self.gravity) == 1:
@@ -157,14 +165,17 @@ class Model:
             self._set(name, pairs_of(name, getattr(self, name)))
         for name in ("nsh", "element", "damper", "actuator"):
             self._set(name, tuple(getattr(self, name)) or (None,) * len(self.strings))
+        self._set("routes", routes.checked(self.routes, self.strings))
         nodes, strings, motors = (len(self.nodes), 3), (len(self.strings),), (len(self.motors),)
-        for name, shape in {"velocity": nodes, "current": motors, "drum_load": motors}.items():
+        defaults = {"velocity": nodes, "current": motors, "drum_load": motors, "string_mass": strings, "two_way": strings}
+        for name, shape in defaults.items():
             if getattr(self, name) is None or not np.size(getattr(self, name)):
                 self._set(name, np.zeros(shape))
-        flags = np.asarray(self.fixed)
-        self._set("fixed", array_of("fixed", flags.astype(int) if flags.dtype == bool else flags, nodes[:1]) != 0.0)
+        for name, shape in {"fixed": nodes[:1], "two_way": strings}.items():
+            flags = np.asarray(getattr(self, name))
+            self._set(name, array_of(name, flags.astype(int) if flags.dtype == bool else flags, shape) != 0.0)
         shapes = {"nodes nominal velocity": nodes, "bar_mass": (len(self.bars),), "current drum_load": motors}
-        shapes["stiffness damping rest_length"] = strings
+        shapes["stiffness damping rest_length string_mass"] = strings
         for names, shape in shapes.items():
             for name in names.split():
                 self._set(name, array_of(name, getattr(self, name), shape))
@@ -192,6 +203,33 @@ class Model:
     def bar_length(self) -> np.ndarray:
         """(B,) m, from the start positions."""
         return np.linalg.norm(self.nodes[self.bars[:, 1]] - self.nodes[self.bars[:, 0]], axis=1)
+
+    @cached_property
+    def paths(self) -> tuple[tuple[int, ...], ...]:
+        """All nodes of every string, in order: two, or more where it is routed."""
+        return routes.paths(self)
+
+    def string_lengths(self, nodes: np.ndarray) -> np.ndarray:
+        """(S,) m, of the strings' whole paths between nodes (N, 3)."""
+        return routes.lengths(self, nodes)
+
+    @cached_property
+    def massive_strings(self) -> tuple[int, ...]:
+        """(M,) indices of the strings with mass."""
+        return tuple(np.flatnonzero(self.string_mass).tolist())
+
+    @cached_property
+    def string_mass_shares(self) -> tuple[tuple[int, int, float], ...]:
+        """(string, node, share) of the strings with mass: the part of a string's mass that is lumped at a node."""
+        return routes.mass_shares(self)
+
+    @cached_property
+    def payload(self) -> dict[int, float]:
+        """Node -> kg that it carries beside its bars' mass: its point mass, and what strings have there."""
+        found = dict(self.point_mass)
+        for string, node, share in self.string_mass_shares:
+            found[node] = found.get(node, 0.0) + share * self.string_mass.item(string)
+        return found
 
     @cached_property
     def free_nodes(self) -> np.ndarray:
@@ -288,10 +326,10 @@ class Model:
 
     @cached_property
     def node_mass(self) -> np.ndarray:
-        """(N,) kg: half of its bar's mass, and its point mass; what gravity acts on."""
+        """(N,) kg: half of its bar's mass, its point mass, and its shares of strings' masses; what gravity acts on."""
         mass = np.zeros(len(self.nodes))
         np.add.at(mass, self.bars.ravel(), np.repeat(0.5 * self.bar_mass, 2))
-        for node, value in self.point_mass:
+        for node, value in self.payload.items():
             mass[node] += value
         return mass
 
@@ -314,4 +352,5 @@ class Model:
             "A": len(self.actuated),
             "K": len(self.contacts),
             "W": int(self.ground is not None and self.ground.moving),
+            "M": len(self.massive_strings),
         }

@@ -3,7 +3,7 @@
 #ifndef TENSEGRITY_FIELDS_H
 #define TENSEGRITY_FIELDS_H
 
-enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, TS_A, TS_K, TS_W, TS_COUNTS }; /* indices of ts_counts() */
+enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, TS_A, TS_K, TS_W, TS_M, TS_COUNTS }; /* indices of ts_counts() */
 enum { TS_STEPS, TS_REJECTED, TS_RHS, TS_JACOBIANS, TS_FACTORISATIONS, TS_TRANSITIONS, TS_RESTARTS, TS_IMPLICIT_STEPS, TS_STATS }; /* of ts_stats() */
 enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
 enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TABLE, TS_ELEMENT_PARALLEL, TS_ELEMENT_SERIES, TS_ELEMENTS };
@@ -27,6 +27,7 @@ enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TAB
     X(TS_DRAG, TS_ROLE_TUNABLE, TS_R, -1, 0.0, DBL_MAX) /* N.s/m: drag coefficient of a node: force per velocity */ \
     X(TS_BAR_MASS, TS_ROLE_FIXED, TS_B, -1, 2.2250738585072014e-308, DBL_MAX) /* kg: mass */ \
     X(TS_POINT_MASS, TS_ROLE_FIXED, TS_P, -1, 0.0, DBL_MAX) /* kg: mass at a node, beside its bar's */ \
+    X(TS_STRING_MASS, TS_ROLE_FIXED, TS_M, -1, 2.2250738585072014e-308, DBL_MAX) /* kg: mass, lumped at the string's nodes */ \
     X(TS_NSH_Q, TS_ROLE_FIXED, TS_Z, -1, 2.2250738585072014e-308, DBL_MAX) /* N: force scale of a beam, eq. 11 */ \
     X(TS_NSH_ZETA, TS_ROLE_FIXED, TS_Z, -1, 2.2250738585072014e-308, DBL_MAX) /* 1: shape parameter of a beam, eq. 11 */ \
     X(TS_NSH_H, TS_ROLE_FIXED, TS_Z, -1, 2.2250738585072014e-308, DBL_MAX) /* m: height of a beam's arch, eq. 11 */ \

@@ -94,12 +94,25 @@ def _check_references(scene: Scene) -> None:
         if scene.stiffness(name) is None and scene.needs_stiffness(name):
             remedy = "Give material (a name in [materials]) or stiffness."
             raise scene.error(f"strings.{name}", "has no stiffness", remedy)
-    for key in ("tension", "rest_length"):
-        for name in getattr(scene.prestress, key):
+        if string.two_way and (string.nsh is not None or string.element is not None):
+            key = "nsh" if string.nsh is not None else "element"
+            problem = f"the string has an {key}, which pushes no string"
+            raise scene.error(f"strings.{name}.two_way", problem, f"Keep one of the two: two_way, or {key}.")
+    _check_prestress(scene)
+
+
+def _check_prestress(scene: Scene) -> None:
+    for key, table in scene.prestress.known.items():
+        for name, value in table.items():
             require_known(scene, f"prestress.{key}.{name}", name, scene.strings, "is no string")
-            if name in scene.prestress.tension and name in scene.prestress.rest_length:
-                problem = "the string has both a tension and a rest length"
+            others = [other for other, named in scene.prestress.known.items() if other != key and name in named]
+            if others:
+                problem = f"the string has both a {key.replace('_', ' ')} and a {others[0].replace('_', ' ')}"
                 raise scene.error(f"prestress.{key}.{name}", problem, "Keep one of the two.")
+            if value < 0.0 and not scene.strings[name].two_way:
+                unit = {"tension": "N", "force_density": "N/m"}[key]
+                remedy = f"Give a {key.replace('_', ' ')} in {unit}, 0 or more, or write two_way = true in strings.{name}."
+                raise scene.error(f"prestress.{key}.{name}", "is less than 0, and a string cannot push", remedy)
 
 
 def _require_nodes_or_axes(scene: Scene, key: str, names: tuple[str, ...]) -> None:
@@ -121,24 +134,37 @@ def _require_nodes_or_axes(scene: Scene, key: str, names: tuple[str, ...]) -> No
     twice(scene, key, names)
 
 
+def _check_path(scene: Scene, key: str, path: tuple[str, ...]) -> None:
+    """Nodes of a member, one after the other: a bar's ends, or all that a string passes."""
+    for at, ends in enumerate(pairwise(path), 2):
+        if ends[0] == ends[1] and len(path) == 2:
+            raise scene.error(key, "starts and ends at the same node", "Join two different nodes.")
+        if ends[0] == ends[1]:
+            raise scene.error(f"{key}[{at}]", "is the node before it, too", "Name a node once where a string passes it.")
+        if scene.distance(ends) < SHORTEST:
+            where = "both nodes are" if len(path) == 2 else f"{ends[0]} and {ends[1]} are both"
+            problem = (
+                f"has {'zero length' if len(path) == 2 else 'a segment of zero length'}: {where} at {scene.nodes[ends[0]]}"
+            )
+            raise scene.error(key, problem, "Move one of the nodes.")
+    if path[0] == path[-1] and len(set(path)) < 3:
+        problem = "ends where it starts, and passes only one other node"
+        raise scene.error(key, problem, "Let an endless string pass three different nodes or more, or leave the last out.")
+
+
 def _check_members(scene: Scene) -> None:
     owner: dict[str, str] = {}
     fixed, moved = set(scene.fixed), scene.moved
     for kind, members in (("bars", scene.bars), ("strings", scene.strings)):
         for name, member in members.items():
-            key = f"{kind}.{name}.nodes"
-            if member.nodes[0] == member.nodes[1]:
-                raise scene.error(key, "starts and ends at the same node", "Join two different nodes.")
-            if scene.distance(member.nodes) < SHORTEST:
-                problem = f"has zero length: both nodes are at {scene.nodes[member.nodes[0]]}"
-                raise scene.error(key, problem, "Move one of the nodes.")
+            _check_path(scene, f"{kind}.{name}.nodes", member.nodes)
     for name, bar in scene.bars.items():
         for node in bar.nodes:
             owner[node] = name
         if all(node in fixed for node in bar.nodes) and not any(node in moved for node in bar.nodes):
             problem = "both ends are fixed, so the bar cannot move"
             raise scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
-    massed = {node for bar in scene.bars.values() if bar.mass > 0.0 for node in bar.nodes}
+    massed = {node for member in (*scene.bars.values(), *scene.strings.values()) if member.mass > 0.0 for node in member.nodes}
     for node in scene.nodes:
         if node in massed or node in fixed or scene.point_masses.get(node):
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -61,6 +62,7 @@ def _not_tiny(least: float) -> AfterValidator:
 Coordinate = Annotated[float, _between(-1e6, 1e6)]
 Positive = Annotated[float, _between(1e-15, 1e15)]
 NotNegative = Annotated[float, _between(0.0, 1e15), _not_tiny(1e-15)]
+Tension = Annotated[float, _between(-1e15, 1e15), _not_tiny(1e-15)]
 Component = Annotated[float, _between(-1e9, 1e9)]
 ForceScale = Annotated[float, _between(*elements.BEAM_RANGES["Q"])]
 Shape = Annotated[float, _between(*elements.BEAM_RANGES["zeta"])]
@@ -70,6 +72,7 @@ Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max
 Speed = Annotated[float, _between(-1e5, 1e5)]
 Velocity = Annotated[tuple[Speed, ...], Strict(False), Field(min_length=2, max_length=3)]
 Ends = Annotated[tuple[str, str], Strict(False)]
+Route = Annotated[tuple[str, ...], Strict(False), Field(min_length=2)]
 Weld = Annotated[tuple[str, ...], Strict(False), Field(min_length=2)]
 Scales = Annotated[tuple[ForceScale, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
 Zetas = Annotated[tuple[Shape, ...], Strict(False), Field(min_length=1, max_length=MOST_BEAMS)]
@@ -202,9 +205,12 @@ class Bar(Entry):
 
 
 class String(Entry):
-    """A massless string, tension only."""
+    """A string, tension only unless it is a `two_way` spring, without mass unless it has some."""
 
-    nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n4"]')
+    nodes: Route = Field(
+        description='nodes at the two ends, as in ["n1", "n4"], or all nodes that it passes without friction, in order: two at '
+        "least; an endless one ends at its first node"
+    )
     material: str | None = _optional("name of one of the [materials]")
     stiffness: Positive | None = _optional("stiffness k in N/m, greater than 0, instead of the material's")
     damping: NotNegative | None = _optional("damping d in N s/m, 0 or more, instead of the material's")
@@ -214,6 +220,8 @@ class String(Entry):
     actuator: str | None = _optional("name of one of the [actuators]: it winds the string in")
     element: str | None = _optional("name of one of the [elements]: the string's force law, instead of an nsh")
     damper: str | None = _optional("name of one of the [dampers], instead of a damping")
+    mass: NotNegative = Field(0.0, description="mass in kg, 0 or more, lumped at its nodes")
+    two_way: bool = Field(False, description="true of a spring that pushes, too, where it is shorter than its rest length")
 
 
 class Contact(Entry):
@@ -248,10 +256,20 @@ class Ground(Entry):
 class Prestress(Entry):
     """What is known of the strings at the given coordinates; the equilibrium gives the rest."""
 
-    tension: dict[str, NotNegative] = Field(
-        default_factory=dict, description="string name = tension in N at the given coordinates, 0 or more"
+    tension: dict[str, Tension] = Field(
+        default_factory=dict,
+        description="string name = tension in N at the given coordinates, 0 or more, below 0 only of a two_way spring",
     )
     rest_length: dict[str, RestLength] = Field(default_factory=dict, description="string name = rest length in m, 0 or more")
+    force_density: dict[str, Tension] = Field(
+        default_factory=dict,
+        description="string name = force density in N/m at the given coordinates, tension over length; like tension, 0 or more",
+    )
+
+    @property
+    def known(self) -> dict[str, dict[str, float]]:
+        """Its tables by name: what they say of a string, of which one is enough."""
+        return {key: getattr(self, key) for key in type(self).model_fields}
 
 
 class Scene(Entry):
@@ -351,7 +369,7 @@ class Scene(Entry):
         """Given coordinates (x, y, z) of a node, m."""
         return self.vector(self.nodes[node])
 
-    def distance(self, ends: tuple[str, str]) -> float:
+    def distance(self, ends: Sequence[str]) -> float:
         """Distance of two nodes at the given coordinates, m."""
         return math.dist(self.position(ends[0]), self.position(ends[1]))
 

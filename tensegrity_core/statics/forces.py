@@ -20,7 +20,7 @@ import numpy as np
 
 from ..model import Model
 from .jointed import Jointed, members_of
-from .matrices import free_rows, in_space, lengths_between, require_small
+from .matrices import free_rows, in_space, require_small
 from .members import Shape
 from .strings import string_tension
 
@@ -100,5 +100,5 @@ def round_off(model: Model) -> float:
 
 def coordinate_force(model: Model) -> float:
     """N: the largest of stiffness times length, or times coordinate; a round-off in coordinates makes EPS of it."""
-    reach = np.maximum(lengths_between(model.nodes, model.strings), float(np.abs(model.nodes).max()))
+    reach = np.maximum(model.string_lengths(model.nodes), float(np.abs(model.nodes).max()))
     return float(np.max(model.stiffness * reach, initial=0.0))

@@ -11,7 +11,7 @@ from ..errors import InputError, TensegrityError
 from ..laws import hysteresis, string_law
 from ..model import Model
 from .forces import loads, residual, round_off, whole_matrix
-from .matrices import TooLarge, free_rows, lengths_between, lstsq, null_space, require_small
+from .matrices import TooLarge, free_rows, lstsq, null_space, require_small
 from .strings import string_tension
 
 if TYPE_CHECKING:
@@ -27,12 +27,14 @@ def two_parts(failure: TensegrityError) -> tuple[str, str]:
 def prestress(scene: Scene, model: Model) -> np.ndarray:
     """(S,) tensions at the given coordinates, N: those that the scene knows, and those that equilibrium adds."""
     tension = np.full(len(model.strings), np.nan)
-    length = lengths_between(model.nodes, model.strings)
+    length = model.string_lengths(model.nodes)
     typed = np.array([scene.prestress.rest_length.get(name, xi) for name, xi in zip(model.string_names, length)])
     held = string_tension(replace(model, rest_length=typed), length)
     for i, name in enumerate(model.string_names):
         if name in scene.prestress.tension:
             tension[i] = scene.prestress.tension[name]
+        elif name in scene.prestress.force_density:
+            tension[i] = scene.prestress.force_density[name] * length[i]
         elif name in scene.prestress.rest_length:
             tension[i] = held[i]
     unknown = np.flatnonzero(np.isnan(tension))
@@ -40,7 +42,7 @@ def prestress(scene: Scene, model: Model) -> np.ndarray:
         return tension
     if scene.start == "released":
         missing = model.string_names[unknown[0]]
-        remedy = f"Give prestress.tension.{missing} or prestress.rest_length.{missing}."
+        remedy = f"Give prestress.tension.{missing}, its rest_length or its force_density."
         raise scene.error(f"strings.{missing}", "a released scene needs every string's tension", remedy)
     tension[unknown] = _balancing(scene, model, tension, unknown)
     return tension
@@ -65,29 +67,34 @@ def _balancing(scene: Scene, model: Model, tension: np.ndarray, unknown: np.ndar
         noun = "tension" if free.shape[1] == 1 else "tensions"
         problem = f"equilibrium leaves {free.shape[1]} {noun} undetermined"
         remedy = f"Give {free.shape[1]} more {noun} in prestress.tension, of: {', '.join(open_strings)}."
-        raise scene.error("prestress", problem, remedy, scene.prestress.tension | scene.prestress.rest_length)
+        raise scene.error(
+            "prestress",
+            problem,
+            remedy,
+            {**scene.prestress.tension, **scene.prestress.force_density, **scene.prestress.rest_length},
+        )
     known = np.concatenate([np.nan_to_num(tension), np.zeros(matrix.shape[1] - count)])
     load = free_rows(model, loads(model)) + matrix @ known
     found = -lstsq(matrix[:, columns], load)[: len(unknown)]
     scale = max(1.0, float(np.abs(load).max(initial=0.0)))
     for i, value in zip(unknown, found):
-        if value < -1e-9 * scale:
+        if value < -1e-9 * scale and not model.two_way[i]:
             name = model.string_names[i]
             problem = f"equilibrium at the given coordinates asks for a tension of {value:.6g} N, which no string has"
             remedy = "Change the prestress or the coordinates."
             raise scene.error(f"strings.{name}", problem, remedy)
-    return np.maximum(found, 0.0)
+    return np.where(model.two_way[unknown], found, np.maximum(found, 0.0))
 
 
 def rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray:
     """(S,) m: through k or the NSH's inverse; typed rest lengths stay as they are."""
-    length = lengths_between(model.nodes, model.strings)
+    length = model.string_lengths(model.nodes)
     rest_length = np.zeros(len(tension))
     for i, name in enumerate(model.string_names):
         if name in scene.prestress.rest_length:
             rest_length[i] = scene.prestress.rest_length[name]
             continue
-        pull, key = float(tension[i]), f"prestress.tension.{name}" if name in scene.prestress.tension else f"strings.{name}"
+        pull, key = float(tension[i]), _key(scene, name)
         try:
             elongation = string_law(model, i).elongation(pull)
         except (InputError, hysteresis.NoStableState) as failure:
@@ -97,6 +104,12 @@ def rest_lengths(scene: Scene, model: Model, tension: np.ndarray) -> np.ndarray:
             problem = f"a tension of {pull:.6g} N stretches the string by {elongation:.6g} m, more than its length"
             raise scene.error(key, problem, "Lower the tension or raise the stiffness.")
     return rest_length
+
+
+def _key(scene: Scene, name: str) -> str:
+    """Where the scene says the tension of a string, or the string, if it follows."""
+    given = [key for key, table in scene.prestress.known.items() if name in table]
+    return f"prestress.{given[0]}.{name}" if given else f"strings.{name}"
 
 
 def require_balance(scene: Scene, model: Model) -> None:

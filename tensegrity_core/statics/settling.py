@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import TensegrityError
 from ..model import Model
 from .balance import Balance
-from .matrices import free_rows, lengths_between
+from .matrices import free_rows
 from .strings import string_branches
 from .surface import Surface, SurfacePoint
 
@@ -42,7 +42,7 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
     first, last = (none if f is None else np.asarray(f, dtype=float) for f in (force_before, force))
     if np.array_equal(first, last) and np.array_equal(goal, model.rest_length):
         steps = 1
-    free, laws = free_rows(model, model.nodes), string_branches(model, lengths_between(model.nodes, model.strings))
+    free, laws = free_rows(model, model.nodes), string_branches(model, model.string_lengths(model.nodes))
     balance: Balance | None = None  # that of the first step: rest lengths make no difference to it
     for step in range(1, steps + 1):
         part = step / steps  # exactly 1 at the end
@@ -52,7 +52,7 @@ def settle(model: Model, force=None, rest_length=None, steps: int = 100, force_b
         free = descend(surface, free, surface.balanced if step == steps else surface.nearly_balanced)
         laws = surface.laws
     nodes = model.nodes if balance is None else balance.nodes(free)
-    settled, length = replace(model, nodes=nodes, rest_length=goal), lengths_between(nodes, model.strings)
+    settled, length = replace(model, nodes=nodes, rest_length=goal), model.string_lengths(nodes)
     anew = string_branches(settled, length)
     there = string_branches(settled, length, laws)
     for i in model.memories:

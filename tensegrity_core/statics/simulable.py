@@ -17,6 +17,7 @@ import numpy as np
 from .. import laws
 from ..errors import SceneError, SimulationError, TensegrityError
 from ..kernel import Kernel, load_library
+from ..kernel.packing import unknown
 from ..laws.dampers import slopes_at_rest
 from ..model import Model
 
@@ -31,7 +32,7 @@ def require(scene: Scene, model: Model) -> None:
     """Raise SceneError where the model cannot be simulated."""
     load_library()  # that it is missing is no fault of the scene
     _require_rates(scene, model)
-    if model.joint or model.ground is not None:  # the kernel says so when it is asked
+    if unknown(model) is not None:  # the kernel says so when it is asked
         return
     failure = _refusal(model)
     if failure is None:
@@ -56,15 +57,16 @@ def _refusal(model: Model) -> str | None:
 
 
 def _alone(model: Model, i: int) -> Model:
-    """The model with string i alone, and all bars."""
+    """The model with string i alone, all bars, and the other strings' masses where they are."""
 
     def only(table: tuple) -> tuple:
         return (table[i],)
 
     changed: dict[str, Any] = {name: only(getattr(model, name)) for name in ("string_names", "nsh", "element", "damper")}
-    changed |= {name: getattr(model, name)[[i]] for name in ("strings", "stiffness", "damping", "rest_length")}
-    none = np.zeros(0)
-    return replace(model, **changed, actuator=(), current=none, drum_load=none)
+    changed |= {name: getattr(model, name)[[i]] for name in ("strings", "stiffness", "damping", "rest_length", "two_way")}
+    changed["routes"] = tuple((0, nodes) for string, nodes in model.routes if string == i)
+    none, masses = np.zeros(0), tuple(sorted(model.payload.items()))
+    return replace(model, **changed, actuator=(), current=none, drum_load=none, string_mass=none, point_mass=masses)
 
 
 # --- rates -------------------------------------------------------------------------------------------------------
@@ -77,7 +79,7 @@ def _require_rates(scene: Scene, model: Model) -> None:
         ("damping", FASTEST_DECAY, "N s/m", slopes_at_rest(model)),
     ):
         for i, value in enumerate(values):
-            for node in model.strings[i]:
+            for node in model.paths[i]:
                 if inertia[node] > 0.0 and value / inertia[node] > bound:
                     _too_fast(scene, model, owner[node], node, f"the {what} of {model.string_names[i]}", value, unit)
             motor = model.actuator[i]
@@ -128,6 +130,11 @@ def _inertia(model: Model) -> tuple[np.ndarray, list[str]]:
     for node, mass in model.point_mass:
         if mass > inertia[node]:
             owner[node] = f"point_masses.{model.node_names[node]}"
+        inertia[node] += mass
+    for string, node, share in model.string_mass_shares:
+        mass = share * model.string_mass.item(string)
+        if mass > inertia[node]:
+            owner[node] = f"strings.{model.string_names[string]}.mass"
         inertia[node] += mass
     inertia[model.fixed] = 0.0
     return inertia, owner

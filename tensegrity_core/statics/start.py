@@ -13,7 +13,7 @@ from ..laws import hysteresis
 from ..model import NSH, Actuator, Contact, Ground, Model
 from ..model.elements import remembers
 from . import simulable
-from .matrices import TooLarge, lengths_between
+from .matrices import TooLarge
 from .prestress import prestress, require_balance, rest_lengths, two_parts
 from .settling import NoEquilibrium, settle
 from .strings import string_tension
@@ -52,7 +52,7 @@ def build_model(scene: Scene) -> Model:
 
 def _holding_currents(model: Model) -> np.ndarray:
     """(A,) A: the currents that hold the start tensions, i = r T / k_a."""
-    tension = string_tension(model, lengths_between(model.nodes, model.strings))
+    tension = string_tension(model, model.string_lengths(model.nodes))
     return np.array([motor.radius * tension[i] / motor.torque_constant for i, motor in model.motors.items()])
 
 
@@ -105,7 +105,7 @@ def _at_given_coordinates(scene: Scene) -> Model:
         fixed=np.array([name in fixed for name in scene.nodes]),
         bars=np.array([[index[node] for node in bar.nodes] for bar in scene.bars.values()], dtype=int),
         bar_mass=np.array([bar.mass for bar in scene.bars.values()]),
-        strings=np.array([[index[node] for node in string.nodes] for string in scene.strings.values()], dtype=int),
+        strings=np.array([[index[node] for node in string.nodes[:2]] for string in scene.strings.values()], dtype=int),
         stiffness=np.array([_stiffness(scene, name) for name in scene.strings]),
         damping=np.array([scene.damping(name) for name in scene.strings]),
         rest_length=np.zeros(len(scene.strings)),
@@ -124,6 +124,13 @@ def _at_given_coordinates(scene: Scene) -> Model:
         welds=tuple(tuple(sorted(bars.index(name) for name in weld)) for weld in scene.weld),
         ground=_ground(scene),
         contacts=tuple(Contact(index[name], **scene.contact(name)) for name in scene.touching),
+        routes=tuple(
+            (i, tuple(index[node] for node in string.nodes))
+            for i, string in enumerate(scene.strings.values())
+            if len(string.nodes) > 2
+        ),
+        string_mass=np.array([string.mass for string in scene.strings.values()]),
+        two_way=np.array([string.two_way for string in scene.strings.values()]),
     )
 
 

@@ -32,8 +32,10 @@ def string_branches(model: Model, length: np.ndarray, laws: Laws | None = None) 
 
 def string_values(model: Model, what: str, elongation: np.ndarray, laws: Laws | None = None) -> np.ndarray:
     """(S,) 'force' (N), 'stiffness' (N/m) or 'energy' (J) at elongations (S,), m; for `laws` see `string_tension`."""
-    k, x = model.stiffness, np.maximum(elongation, 0.0)
-    found = {"force": k * x, "stiffness": np.where(x > 0.0, k, 0.0), "energy": 0.5 * k * x**2}[what]
+    k, x, acts = model.stiffness, np.maximum(elongation, 0.0), elongation > 0.0
+    if model.two_way.any():
+        x, acts = np.where(model.two_way, elongation, x), acts | model.two_way
+    found = {"force": k * x, "stiffness": np.where(acts, k, 0.0), "energy": 0.5 * k * x**2}[what]
     for i, law in (curved_laws(model) if laws is None else laws).items():
         at = x.item(i)
         found[i] = getattr(law.follow(at), what)(at)

@@ -13,7 +13,7 @@ from .analysis import rigid_body_motions
 from .balance import Balance
 from .forces import BALANCED, EPS, coordinate_force, loads
 from .jointed import balance_of
-from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, lengths_between, require_small
+from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, require_small
 from .strings import Laws, string_branches, string_energy, string_tension, string_values
 
 SMALL = 300  # degrees of freedom up to which settling works with dense matrices and all eigenvectors
@@ -143,7 +143,7 @@ class Surface:
             require_small(model, "settling bars that share nodes")
         self.balance = balance or balance_of(model, self.decomposition.assembled)
         self.size, self.start = self.balance.size, self.balance.start
-        length = lengths_between(model.nodes, model.strings)
+        length = model.string_lengths(model.nodes)
         self.laws = string_branches(model, length) if laws is None else laws
         tension = string_tension(model, length, self.laws)
         largest_force = float(np.max(tension, initial=0.0) + np.abs(self.load).max())

@@ -23,9 +23,11 @@ MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(enc
 @pytest.mark.parametrize("scene, case", [(scene, case) for scene, cases in MISTAKES.items() for case in cases])
 def test_bad_scene(scene, case, tmp_path, capsys):
     mistake = MISTAKES[scene][case]
-    (old, new), (key, value, problem, remedy) = mistake["replace"], mistake["says"]
-    assert old in GOOD[scene]
-    path = write(tmp_path, GOOD[scene].replace(old, new, 1))
+    (key, value, problem, remedy), text = mistake["says"], GOOD[scene]
+    for old, new in [mistake[step] for step in ("replace", "and") if step in mistake]:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = write(tmp_path, text)
     with pytest.raises(SceneError) as caught:
         build_model(load_scene(path))
     error = caught.value

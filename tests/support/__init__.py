@@ -31,13 +31,14 @@ def changed(model: Model, damping: float | None = None, stiffness_factor: float 
 
 
 def by_hand(nodes, fixed, bars, strings, **fields) -> Model:
-    """A model without a scene, of pairs of nodes that are joined.  fixed: indices of the fixed nodes; fields: of Model, one
-    number where it is the same for all bars or strings."""
-    nodes = np.array(nodes, dtype=float)
+    """A model without a scene, of pairs of nodes that are joined, of strings also more nodes in order.  fixed: indices of the
+    fixed nodes; fields: of Model, one number where it is the same for all bars or strings."""
+    routes = tuple((i, tuple(path)) for i, path in enumerate(strings) if len(path) > 2)
+    nodes, strings = np.array(nodes, dtype=float), [path[:2] for path in strings]
     counts = {"node_names": len(nodes), "bar_names": len(bars), "string_names": len(strings)}
     known = {names: tuple(f"{names[0]}{i + 1}" for i in range(count)) for names, count in counts.items()}
     known |= {"name": "by_hand", "description": "", "axes": (0, 1, 2), "nsh": (None,) * len(strings), "damping_law": "literal"}
-    known |= {"gravity": 0.0, "nominal": nodes, "bar_mass": 1.0, "damping": 0.0} | fields
+    known |= {"gravity": 0.0, "nominal": nodes, "bar_mass": 1.0, "damping": 0.0, "routes": routes} | fields
     for name, count in (("bar_mass", len(bars)), *((name, len(strings)) for name in ("stiffness", "damping", "rest_length"))):
         known[name] = np.broadcast_to(known[name], count)
     return Model(nodes=nodes, fixed=np.isin(np.arange(len(nodes)), fixed), bars=bars, strings=strings, **known)
