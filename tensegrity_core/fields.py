@@ -56,6 +56,7 @@ COMPARED = {
     "rest length rate": "m/s",
     "motor speed": "rad/s",
     "force": "N",
+    "utilisation": "1",
     "energy": "J",
     "scale": "",
     "count": "",
@@ -80,6 +81,8 @@ COUNTS = {
     "K": "nodes that may touch the ground, in node order",
     "W": "heights of the ground that are inputs: 1 where it moves, else 0",
     "M": "strings with mass, in string order",
+    "C": "bars with a section, in bar order",
+    "T": "strings with a strength, in string order",
 }
 
 # A table, with one or two lines a row:
@@ -128,6 +131,9 @@ FIELDS = (
           "stiffness k_t of friction before it slips", low=POSITIVE),
     Field("contact_friction", "fixed", ("K",), "1", "{K}.contact.friction_coefficient",
           "coefficient mu of friction", low=0.0),
+    Field("bending_stiffness", "fixed", ("C",), "N.m2", "{C}.bending_stiffness",
+          "bending stiffness E I, from which its buckling load follows", low=1e-100),
+    Field("strength", "fixed", ("T",), "N", "{T}.strength", "tension that it bears", low=1e-15),
     Field("tolerance", "fixed", (), "1", "solver.tolerance",
           "error per step: relative, and absolute in m and m/s", low=1e-14, high=0.1),
     Field("max_step", "fixed", (), "s", "solver.step",
@@ -152,6 +158,10 @@ FIELDS = (
           "force of the ground on a node along the normal", low=0.0, compared="force", jumps=True),
     Field("contact_force", "output", ("K", "D"), "N", "{K}.contact.friction.{D}",
           "force of friction on it, in the plane", compared="force", jumps=True),
+    Field("bar_utilisation", "output", ("C",), "1", "{C}.utilisation",
+          "compression over Euler's buckling load pi^2 E I/l^2, 0 in tension", low=0.0, compared="utilisation", jumps=True),
+    Field("string_utilisation", "output", ("T",), "1", "{T}.utilisation",
+          "tension over strength, 0 where the damper pushes", low=0.0, compared="utilisation", jumps=True),
     Field("kinetic", "output", (), "J", "energy.kinetic", "kinetic energy", low=0.0, compared="energy", jumps=True),
     Field("potential", "output", (), "J", "energy.potential",
           "gravitational potential energy, zero at z = 0", compared="energy"),

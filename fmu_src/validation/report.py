@@ -19,6 +19,8 @@ from matplotlib.lines import Line2D
 
 import tensegrity_core
 from tensegrity_core.files import write_text
+from tensegrity_core.model import Model
+from tensegrity_core.model.strength import by_name
 from tensegrity_core.output.plots import draw_series, legend_beside, small_png
 
 from ..places import clone
@@ -65,13 +67,19 @@ def write_report(validation: Validation, path: Path, live: Path | None = None) -
                 "sensitive": compare.SENSITIVE,
                 "window": WINDOW,
             },
-            kinds=compare.KINDS,
+            kinds=_kinds(validation.model),
             seconds=validation.seconds,
             factor=validation.factor,
             versions=versions(),
         )
     )
     write_text(path, page)
+
+
+def _kinds(model: Model) -> dict[str, tuple]:
+    """The classes of outputs that are compared; utilisation where the scene says what members bear."""
+    rated = model.sections or model.strength
+    return {kind: of for kind, of in compare.KINDS.items() if rated or kind != "utilisation"}
 
 
 def _told(run: Run) -> dict[str, Any]:
@@ -87,9 +95,19 @@ def _told(run: Run) -> dict[str, Any]:
         "comparison": run.comparison,
         "tight": run.tight,
         "until": run.until,
+        "used": _most_used(run),
         "settings": _shown(reference_settings(run.scenario, run.again)) + (", from the cache" if run.from_cache else ""),
         "pictures": [(what, _inline(png)) for what, png in pictures(run).items()],
     }
+
+
+def _most_used(run: Run) -> str:
+    """The member that came closest to what it bears, in words; '' where nothing is known of that."""
+    model, found = run.scenario.model, run.reference
+    used = by_name(model, found.bar_utilisation.max(axis=0), found.string_utilisation.max(axis=0))
+    name = max(used, key=lambda one: used[one], default="")
+    limit = "buckling load" if name in model.bar_names else "strength"
+    return f"{name} used most of what it bears: {100.0 * used[name]:.3g} % of its {limit}" if name else ""
 
 
 def _address(path: str) -> str:

@@ -15,8 +15,8 @@ from tensegrity_core.model import Model
 #: Inputs and parameters of which it is known here what depends on them; on any other, all outputs do.
 KNOWN = frozenset(
     """force rest_length rest_length_rate current drum_load node_position node_velocity node_acceleration stiffness damping
-    gravity drag bar_mass point_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant drum_radius tolerance
-    max_step method
+    gravity drag bar_mass point_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant drum_radius
+    bending_stiffness strength tolerance max_step method
     """.split()
 )
 #: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
@@ -39,6 +39,10 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
         out[table.at("snapped", i)] = table.elastic(s) - {table.at("stiffness", s)}
     for b in range(len(model.bars)):
         out[table.at("bar_force", b)] = table.bar_force(b)
+    for i, (bar, _) in enumerate(model.sections):
+        out[table.at("bar_utilisation", i)] = table.bar_force(bar) | {table.at("bending_stiffness", i)}
+    for i, (string, _) in enumerate(model.strength):
+        out[table.at("string_utilisation", i)] = table.tension(string) | {table.at("strength", i)}
     axes = len(model.axes)
     for g, node in enumerate(model.fixed_nodes):
         for axis in range(axes):

@@ -223,7 +223,7 @@ def _description(field: Field, component: dict) -> str:
 
 
 _KINDS = {"N": "node", "F": "node", "G": "node", "B": "bar", "S": "string", "H": "string", "Z": "string"}
-_KINDS |= {"P": "node", "R": "node", "E": "node", "A": "string"}
+_KINDS |= {"P": "node", "R": "node", "E": "node", "A": "string", "C": "bar", "T": "string"}
 
 
 def require_unique(rows) -> None:

@@ -366,6 +366,12 @@ class Graph:
         own = self.of_bar[b][-1:]
         return self.on_bar(b) | self.coordinates(own) | self.coordinates(own, True)
 
+    def output_bar_utilisation(self, i: int) -> set[int]:
+        return self.output_bar_force(self.model.sections[i][0])
+
+    def output_string_utilisation(self, i: int) -> set[int]:
+        return self.tension(self.model.strength[i][0])
+
     def output_reaction(self, i: int) -> set[int]:
         node, axis = int(self.model.fixed_nodes[i // self.axes]), i % self.axes
         found = self.on_node(node)

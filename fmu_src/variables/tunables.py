@@ -93,6 +93,12 @@ class Tunables:
     def output_bar_force(self, b: int) -> set[int]:
         return self.on_bar(b)
 
+    def output_bar_utilisation(self, i: int) -> set[int]:
+        return self.output_bar_force(self.model.sections[i][0])
+
+    def output_string_utilisation(self, i: int) -> set[int]:
+        return self.tension(self.model.strength[i][0])
+
     def output_reaction(self, i: int) -> set[int]:
         return self._reaction(int(self.model.fixed_nodes[i // self.graph.axes]), i % self.graph.axes)
 

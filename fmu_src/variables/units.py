@@ -9,9 +9,9 @@ from tensegrity_core.fields import FIELDS, Field
 
 
 class Unit(NamedTuple):
-    """base: exponents of the base units; quantity: what it measures, called as in the Modelica Standard Library; shown: units
-    in which people read it, and the factor from this one; by_default: whether values are shown in the first of these unless the
-    user chooses another."""
+    """base: exponents of the base units; quantity: what it measures, called as in the Modelica Standard Library where it has it;
+    shown: units in which people read it, and the factor from this one; by_default: whether values are shown in the first of these
+    unless the user chooses another."""
 
     base: dict[str, int]
     quantity: str | None
@@ -30,6 +30,7 @@ UNITS = {
     "N": Unit({"kg": 1, "m": 1, "s": -2}, "Force", {"kN": 1e-3}),
     "N/m": Unit({"kg": 1, "s": -2}, "TranslationalSpringConstant", {"N/mm": 1e-3, "kN/m": 1e-3}),
     "N.s/m": Unit({"kg": 1, "s": -1}, "TranslationalDampingConstant", {}),
+    "N.m2": Unit({"kg": 1, "m": 3, "s": -2}, "BendingStiffness", {}),
     "J": Unit({"kg": 1, "m": 2, "s": -2}, "Energy", {"mJ": 1e3}),
     "W": Unit({"kg": 1, "m": 2, "s": -3}, "Power", {"mW": 1e3}),
     "A": Unit({"A": 1}, "ElectricCurrent", {"mA": 1e3}),

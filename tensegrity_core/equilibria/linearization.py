@@ -29,6 +29,7 @@ from ..laws import damping, string_law
 from ..model import Model
 from ..model.components import flattened, names
 from ..model.inputs import INPUTS, starts
+from ..model.strength import bar_utilisation, buckling_load, string_utilisation
 
 KINK = 1e-9  # m: a string is at an end of its piece
 SIDES = {"longer": 1.0, "shorter": -1.0}
@@ -426,7 +427,19 @@ class _System:
             "bar_force": (-density * length, -by * length[:, None]),
             "reaction": (ground[0][fixed].ravel(), ground[1][fixed].reshape(-1, self.width)),
         }
+        found |= self._utilisation(found)
         return [(field, *found[field.name]) for field in OUTPUTS]
+
+    def _utilisation(self, pulls: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Utilisations and their derivatives over z, from those of the forces: constant factors, but where they are 0."""
+        model, ((force, by_bars), (tension, by_strings)) = self.model, (pulls[name] for name in ("bar_force", "string_force"))
+        bars, strings = bar_utilisation(model, force), string_utilisation(model, tension)
+        per_force = np.where(bars > 0.0, -1.0, 0.0) / buckling_load(model)
+        per_tension = np.where(strings > 0.0, 1.0, 0.0) / np.array([value for _, value in model.strength])
+        return {
+            "bar_utilisation": (bars, per_force[:, None] * by_bars[[bar for bar, _ in model.sections]]),
+            "string_utilisation": (strings, per_tension[:, None] * by_strings[[string for string, _ in model.strength]]),
+        }
 
 
 class _At(NamedTuple):

@@ -39,6 +39,8 @@ def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np
         "contact_damping": np.array([contact.damping for contact in model.contacts]),
         "contact_tangential_stiffness": np.array([contact.tangential_stiffness for contact in model.contacts]),
         "contact_friction": np.array([contact.friction for contact in model.contacts]),
+        "bending_stiffness": np.array([section.bending_stiffness for _, section in model.sections]),
+        "strength": np.array([value for _, value in model.strength]),
         "nsh_Q": np.array([x for nsh in beams for x in nsh.Q]),
         "nsh_zeta": np.array([x for nsh in beams for x in nsh.zeta]),
         "nsh_h": np.array([x for nsh in beams for x in nsh.h]),
@@ -137,6 +139,7 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     header = [*counts, DAMPING_LAWS.index(model.damping_law), METHODS.index(method), z_axis, *sizes]
     ints = [*header, *model.fixed.astype(int), *model.bars.ravel(), *model.strings.ravel(), *beams, *laws, *places]
     ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
+    ints += [*(bar for bar, _ in model.sections), *(string for string, _ in model.strength)]
     ints += programs.ints
     ints += [0] * (len(ints) % 2)
     start = _parameters(model, tolerance, max_step)

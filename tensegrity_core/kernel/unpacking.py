@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, size
 from ..model.elements import KINDS, Element, Parallel, Series
 from ..model.model import NSH, Actuator, Model
+from ..model.strength import Section
 from .packing import MAGIC, SERIES_LAWS, fnv1a
 
 #: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs.
@@ -49,7 +50,7 @@ def from_bytes(
     fixed, ends, held = ints.take(N).astype(bool), ints.take(2 * B).reshape(-1, 2), ints.take(2 * S).reshape(-1, 2)
     beams, laws = ints.take(S).tolist(), ints.take(S).tolist()
     elements, dampers = ints.take(2 * S).reshape(-1, 2).tolist(), ints.take(2 * S).reshape(-1, 2).tolist()
-    massive, slowed, moving, wound = (ints.take(counts[letter]).tolist() for letter in "PREA")
+    massive, slowed, moving, wound, columns, ropes = (ints.take(counts[letter]).tolist() for letter in "PREACT")
     program = ints.take(head[-2]).tolist()
     ints.at += -(ints.at - 8) % 8
     doubles = np.frombuffer(packed, "<f8", (len(packed) - 8 - ints.at) // 8, ints.at)
@@ -97,6 +98,8 @@ def from_bytes(
         point_mass=tuple(zip(massive, start["point_mass"].tolist())),
         drag=tuple(zip(slowed, start["drag"].tolist())),
         moving=tuple(moving),
+        sections=tuple((bar, Section(bending)) for bar, bending in zip(columns, start["bending_stiffness"].tolist())),
+        strength=tuple(zip(ropes, start["strength"].tolist())),
     )
 
 

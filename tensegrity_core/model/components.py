@@ -40,6 +40,8 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
         "K": [{"K": model.node_names[contact.node]} for contact in model.contacts],
         "W": [{"W": ""}] * model.counts["W"],
         "M": [{"M": model.string_names[i]} for i in model.massive_strings],
+        "C": [{"C": model.bar_names[bar]} for bar, _ in model.sections],
+        "T": [{"T": model.string_names[string]} for string, _ in model.strength],
     }
     for parts in product(*(letters[letter] for letter in field.shape)):
         yield {key: value for part in parts for key, value in part.items()}

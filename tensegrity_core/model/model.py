@@ -16,6 +16,7 @@ from ..quantities import array_of, floats, number, pairs_of
 from . import joints, routes
 from .elements import Beam, Damper, Element, Series, remembers
 from .ground import Contact, Ground
+from .strength import Section
 from .welds import Weld, rigid_bodies
 
 
@@ -67,6 +68,10 @@ class Actuator:
             object.__setattr__(self, name, number(f"actuator.{name}", getattr(self, name)))
 
 
+def _section(given: Section) -> Section:
+    return Section(*(number(f"sections.{name}", value) for name, value in zip(Section._fields, given)))
+
+
 def _none() -> np.ndarray:
     return np.zeros(0)
 
@@ -110,6 +115,8 @@ class Model:
             first two nodes.
         string_mass: (S,) kg, lumped at each string's nodes, see `routes`.
         two_way: (S,) bool, springs that also push: their tension is k times the elongation, whatever its sign.
+        sections: (bar, section) of the bars whose buckling load is known, in bar order.
+        strength: (string, N) of the strings whose strength is known, in string order.
     """
 
     name: str
@@ -147,18 +154,21 @@ class Model:
     routes: tuple[tuple[int, tuple[int, ...]], ...] = ()
     string_mass: np.ndarray = field(default_factory=_none)
     two_way: np.ndarray = field(default_factory=_none)
+    sections: tuple[tuple[int, Section], ...] = ()
+    strength: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self):
         if np.size(self.gravity) == 1:
             self._set("gravity", number("gravity", self.gravity))
         else:
             self._set("gravity", tuple(array_of("gravity", self.gravity, (3,)).tolist()))
-        for name in ("point_mass", "drag"):
-            self._set(name, tuple((int(node), number(name, value)) for node, value in getattr(self, name)))
+        for name in ("point_mass", "drag", "strength"):
+            self._set(name, tuple((int(index), number(name, value)) for index, value in getattr(self, name)))
         for name in ("axes", "moving"):
             self._set(name, tuple(int(index) for index in getattr(self, name)))
         for name in ("partly_fixed", "moving_axes"):
             self._set(name, tuple((int(node), tuple(int(axis) for axis in axes)) for node, axes in getattr(self, name)))
+        self._set("sections", tuple((int(bar), _section(section)) for bar, section in self.sections))
         self._set("welds", tuple(tuple(int(bar) for bar in weld) for weld in self.welds))
         self._set("contacts", tuple(sorted(self.contacts, key=lambda contact: contact.node)))
         for name in ("bars", "strings"):
@@ -353,4 +363,6 @@ class Model:
             "K": len(self.contacts),
             "W": int(self.ground is not None and self.ground.moving),
             "M": len(self.massive_strings),
+            "C": len(self.sections),
+            "T": len(self.strength),
         }

@@ -3,7 +3,7 @@
 #ifndef TENSEGRITY_FIELDS_H
 #define TENSEGRITY_FIELDS_H
 
-enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, TS_A, TS_K, TS_W, TS_M, TS_COUNTS }; /* indices of ts_counts() */
+enum { TS_D, TS_N, TS_F, TS_G, TS_B, TS_S, TS_H, TS_Z, TS_V, TS_P, TS_R, TS_E, TS_A, TS_K, TS_W, TS_M, TS_C, TS_T, TS_COUNTS }; /* indices of ts_counts() */
 enum { TS_STEPS, TS_REJECTED, TS_RHS, TS_JACOBIANS, TS_FACTORISATIONS, TS_TRANSITIONS, TS_RESTARTS, TS_IMPLICIT_STEPS, TS_STATS }; /* of ts_stats() */
 enum { TS_ROLE_INPUT, TS_ROLE_TUNABLE, TS_ROLE_FIXED, TS_ROLE_OUTPUT };
 enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TABLE, TS_ELEMENT_PARALLEL, TS_ELEMENT_SERIES, TS_ELEMENTS };
@@ -39,6 +39,8 @@ enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TAB
     X(TS_CONTACT_DAMPING, TS_ROLE_FIXED, TS_K, -1, 0.0, DBL_MAX) /* s/m: damping c of the ground: N = k_n delta (1 + c delta') */ \
     X(TS_CONTACT_TANGENTIAL_STIFFNESS, TS_ROLE_FIXED, TS_K, -1, 2.2250738585072014e-308, DBL_MAX) /* N/m: stiffness k_t of friction before it slips */ \
     X(TS_CONTACT_FRICTION, TS_ROLE_FIXED, TS_K, -1, 0.0, DBL_MAX) /* 1: coefficient mu of friction */ \
+    X(TS_BENDING_STIFFNESS, TS_ROLE_FIXED, TS_C, -1, 1e-100, DBL_MAX) /* N.m2: bending stiffness E I, from which its buckling load follows */ \
+    X(TS_STRENGTH, TS_ROLE_FIXED, TS_T, -1, 1e-15, DBL_MAX) /* N: tension that it bears */ \
     X(TS_TOLERANCE, TS_ROLE_FIXED, -1, -1, 1e-14, 0.1) /* 1: error per step: relative, and absolute in m and m/s */ \
     X(TS_MAX_STEP, TS_ROLE_FIXED, -1, -1, 0.0, DBL_MAX) /* s: largest step of the integrator, 0: no limit; the step of rk4 and ros2, 0: 1 ms */ \
     X(TS_POSITION, TS_ROLE_OUTPUT, TS_N, TS_D, -DBL_MAX, DBL_MAX) /* m: node positions */ \
@@ -53,6 +55,8 @@ enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TAB
     X(TS_REACTION, TS_ROLE_OUTPUT, TS_G, TS_D, -DBL_MAX, DBL_MAX) /* N: force of the ground on the structure at a fixed node */ \
     X(TS_CONTACT_NORMAL, TS_ROLE_OUTPUT, TS_K, -1, 0.0, DBL_MAX) /* N: force of the ground on a node along the normal */ \
     X(TS_CONTACT_FORCE, TS_ROLE_OUTPUT, TS_K, TS_D, -DBL_MAX, DBL_MAX) /* N: force of friction on it, in the plane */ \
+    X(TS_BAR_UTILISATION, TS_ROLE_OUTPUT, TS_C, -1, 0.0, DBL_MAX) /* 1: compression over Euler's buckling load pi^2 E I/l^2, 0 in tension */ \
+    X(TS_STRING_UTILISATION, TS_ROLE_OUTPUT, TS_T, -1, 0.0, DBL_MAX) /* 1: tension over strength, 0 where the damper pushes */ \
     X(TS_KINETIC, TS_ROLE_OUTPUT, -1, -1, 0.0, DBL_MAX) /* J: kinetic energy */ \
     X(TS_POTENTIAL, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: gravitational potential energy, zero at z = 0 */ \
     X(TS_ELASTIC, TS_ROLE_OUTPUT, -1, -1, -DBL_MAX, DBL_MAX) /* J: energy stored in the strings */ \

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..model import Model, Result, Transition
+from ..model.strength import by_name
 
 
 def end_of_run(model: Model, result: Result) -> str:
@@ -20,8 +21,19 @@ def end_of_run(model: Model, result: Result) -> str:
             *rows,
             "  string forces at the end in N:",
             *forces,
+            *_utilisation(model, result),
         ]
     )
+
+
+def _utilisation(model: Model, result: Result) -> list[str]:
+    """The largest that each member with a section or a strength had at a sample, the most used ones first."""
+    used = sorted(_most_used(model, result).items(), key=lambda one: -one[1])
+    return ["  largest utilisation:"] * bool(used) + [f"    {name}: {100.0 * part:.4g} %" for name, part in used]
+
+
+def _most_used(model: Model, result: Result) -> dict[str, float]:
+    return by_name(model, result.bar_utilisation.max(axis=0), result.string_utilisation.max(axis=0))
 
 
 def data(model: Model, result: Result) -> dict[str, Any]:
@@ -38,6 +50,7 @@ def data(model: Model, result: Result) -> dict[str, Any]:
         "transitions": events,
         "ledger_error": result.ledger_error(),
         "nodes": dict(zip(model.node_names, result.position[-1][:, axes].tolist())),
+        "largest_utilisation": _most_used(model, result),
         "string_forces": dict(zip(model.string_names, result.string_force[-1].tolist())),
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import statics
 from ..model import Model
+from ..model.strength import bar_utilisation, buckling_load, by_name, slenderness, string_utilisation
 
 
 def summary(model: Model, start: str) -> str:
@@ -23,6 +24,7 @@ def summary(model: Model, start: str) -> str:
         f"  start: {start}, {_balance(model)}",
         *_moves(model),
         *_forces(model),
+        *_utilisation(model),
     ]
     return "\n".join(lines)
 
@@ -96,6 +98,32 @@ def _forces(model: Model) -> list[str]:
     ]
 
 
+def _utilisation(model: Model) -> list[str]:
+    """How much of what they bear the members with a section or a strength use at the start, the most used ones first."""
+    used = sorted(_used(model).items(), key=lambda one: -one[1])
+    if not used:
+        return []
+    loads = dict(zip((model.bar_names[bar] for bar, _ in model.sections), zip(buckling_load(model), slenderness(model))))
+    strengths = {model.string_names[string]: value for string, value in model.strength}
+    rows = []
+    for name, part in used[:LISTED]:
+        if name in strengths:
+            limit = f"strength {strengths[name]:.6g} N"
+        else:
+            load, slender = loads[name]
+            limit = f"buckling load {load:.6g} N" + (f", slenderness {slender:.4g}" if np.isfinite(slender) else "")
+        rows.append(f"    {name}: {100.0 * part:.4g} % of its {limit}")
+    over = sum(part >= 1.0 for _, part in used)
+    return [f"  utilisation{f'; {over} bear less than they have to' if over else ''}:", *rows]
+
+
+def _used(model: Model) -> dict[str, float]:
+    """Utilisation at the start by name."""
+    force, count = statics.member_forces(model), len(model.strings)
+    bars = bar_utilisation(model, force[count : count + len(model.bars)])
+    return by_name(model, bars, string_utilisation(model, force[:count]))
+
+
 def data(model: Model, start: str) -> dict[str, Any]:
     """The same, as JSON takes it: m, N, N/m; what does not apply is null."""
     off, node, equilibrium = statics.unbalanced(model)
@@ -134,5 +162,6 @@ def data(model: Model, start: str) -> dict[str, Any]:
         "partly_fixed": {model.node_names[node]: ["xyz"[axis] for axis in axes] for node, axes in model.partly_fixed},
         "rigid_bodies": [[model.bar_names[i] for i in body.bars] for body in model.bodies],
         "redundant_bars": [name for name, one in zip(model.bar_names, model.redundant) if one],
+        "utilisation": _used(model),
         "honeycombs": [model.string_names[i] for i in model.nsh_strings],
     }

@@ -30,6 +30,7 @@ from ..laws.hysteresis import NoStableState, follow
 from ..model import Inputs, Model, Result, Transition
 from ..model.components import full_shape
 from ..model.inputs import INPUTS, carried
+from ..model.strength import bar_utilisation, string_utilisation
 from ..quantities import number
 from . import instant
 from .equations import diagonal, string_motion
@@ -533,6 +534,7 @@ class _Run:
         (N, Ndot), winding = self.unpack(t, y), self.winding(y)
         motion = motion_at(s, self.load, mode, t, N, Ndot, winding)
         strings, laws = motion.strings, s.laws | mode.branches
+        bar_force = -motion.lam * model.bar_length
         self.rows.append(
             dict(
                 position=N.T,
@@ -540,7 +542,9 @@ class _Run:
                 string_force=strings.tension,
                 elastic_force=strings.elastic,
                 string_length=strings.xi,
-                bar_force=-motion.lam * model.bar_length,
+                bar_force=bar_force,
+                bar_utilisation=bar_utilisation(model, bar_force),
+                string_utilisation=string_utilisation(model, strings.tension),
                 reaction=motion.ground.T,
                 wound_rest_length=instant.rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
                 wound_rest_length_rate=-s.motors.radius * winding[1],

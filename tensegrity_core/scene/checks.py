@@ -27,6 +27,9 @@ VARIABLE_WORDS = owned_words()
 #: Keys of a string that name something -> the tables in which it stands.
 STRING_TABLES = {"material": "materials", "nsh": "nsh", "element": "elements", "damper": "dampers", "actuator": "actuators"}
 
+#: Keys of a bar that say what it bears.
+SECTION_KEYS = ("E", "diameter", "wall", "area", "second_moment")
+
 SHORTEST = 1e-9  # m: below this a member has no usable direction
 MOST_LEVELS = 20  # of elements in each other
 MOST_PARTS = 1000  # elements that one string may be made of
@@ -174,6 +177,32 @@ def _check_members(scene: Scene) -> None:
             raise scene.error(f"bars.{owner[node]}.mass", problem, remedy)
         problem = "is neither fixed nor on a bar, so it has no mass"
         raise scene.error(f"nodes.{node}", problem, "Put it on a bar, give it a point mass, or list it in fixed.")
+
+
+def _check_sections(scene: Scene) -> None:
+    """Of bars: a modulus of elasticity, and a section that is round or another."""
+    for name, bar in scene.bars.items():
+        given = [key for key in SECTION_KEYS if getattr(bar, key) is not None]
+        if not given:
+            continue
+        if given == ["E"]:
+            remedy = "Give diameter (and wall of a tube), or area and second_moment."
+            raise scene.error(f"bars.{name}.E", "stands without a section", remedy)
+        round_one = bar.diameter is not None or bar.wall is not None
+        must = ["E", "diameter"] if round_one else ["E", "area", "second_moment"]
+        what = "a bar with a round section" if round_one else "a bar with a section that is not round"
+        for key in (*must, *given):
+            if key not in given:
+                raise scene.error(f"bars.{name}.{key}", f"is missing in {what}", f"Give {_meaning(bar, key)}.")
+            if key not in (*must, "wall"):
+                raise scene.error(f"bars.{name}.{key}", f"does not belong to {what}", "Keep one of the two sections.")
+        if bar.wall is not None and bar.diameter is not None and bar.wall >= 0.5 * bar.diameter:
+            problem = f"leaves no hole in a tube of the diameter {bar.diameter!r}"
+            raise scene.error(f"bars.{name}.wall", problem, f"Give less than {0.5 * bar.diameter!r}, or leave it out: solid.")
+
+
+def _meaning(entry: Entry, key: str) -> str:
+    return str(type(entry).model_fields[key].description)
 
 
 def _check_welds(scene: Scene) -> None:
@@ -383,6 +412,7 @@ CHECKS = (
     _check_loads,
     check_ground,
     _check_welds,
+    _check_sections,
     _check_velocities,
     _check_costs,
 )

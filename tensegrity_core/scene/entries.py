@@ -25,6 +25,7 @@ from ..errors import SceneError
 from ..model import elements
 from ..model.elements import Damper as DamperLaw
 from ..model.elements import Element as ElementLaw
+from ..model.strength import Section
 from . import files as scene_files
 from .files import IDENTIFIER, lookup, place_of
 
@@ -69,6 +70,7 @@ Shape = Annotated[float, _between(*elements.BEAM_RANGES["zeta"])]
 Length = Annotated[float, _between(*elements.BEAM_RANGES["h"])]
 RestLength = Annotated[float, _between(0.0, 1e7)]
 Point = Annotated[tuple[Coordinate, ...], Strict(False), Field(min_length=2, max_length=3)]
+SecondMoment = Annotated[float, _between(1e-60, 1e15)]
 Speed = Annotated[float, _between(-1e5, 1e5)]
 Velocity = Annotated[tuple[Speed, ...], Strict(False), Field(min_length=2, max_length=3)]
 Ends = Annotated[tuple[str, str], Strict(False)]
@@ -110,6 +112,7 @@ class Material(Entry):
 
     stiffness: Positive = Field(description="stiffness k in N/m, a number greater than 0")
     damping: NotNegative = Field(0.0, description="damping d in N s/m, 0 or more")
+    strength: Positive | None = _optional("tension that its strings bear in N, greater than 0")
 
 
 class Honeycomb(Entry):
@@ -202,6 +205,25 @@ class Bar(Entry):
 
     nodes: Ends = Field(description='nodes at the two ends, as in ["n1", "n5"]')
     mass: NotNegative = Field(description="mass in kg, a number greater than 0, or 0 between nodes that have another mass")
+    E: Positive | None = _optional("modulus of elasticity in Pa, greater than 0: with a section, how far it is from buckling")
+    diameter: Positive | None = _optional("outer diameter of a round section in m, greater than 0")
+    wall: Positive | None = _optional("thickness of a tube's wall in m, less than half its diameter; solid without it")
+    area: Positive | None = _optional("area of another section in m2, greater than 0")
+    second_moment: SecondMoment | None = _optional(
+        "second moment of area of another section in m4, greater than 0, about the axis that resists least"
+    )
+
+    def section(self) -> Section | None:
+        """What resists buckling; None: not known."""
+        if self.E is None:
+            return None
+        if self.diameter is None:
+            area, moment = self.given("area"), self.given("second_moment")
+        else:
+            inner = self.diameter - 2.0 * self.wall if self.wall else 0.0
+            area = math.pi / 4.0 * (self.diameter**2 - inner**2)
+            moment = math.pi / 64.0 * (self.diameter**4 - inner**4)
+        return Section(self.E * moment, math.sqrt(moment / area))
 
 
 class String(Entry):
@@ -222,6 +244,7 @@ class String(Entry):
     damper: str | None = _optional("name of one of the [dampers], instead of a damping")
     mass: NotNegative = Field(0.0, description="mass in kg, 0 or more, lumped at its nodes")
     two_way: bool = Field(False, description="true of a spring that pushes, too, where it is shorter than its rest length")
+    strength: Positive | None = _optional("tension that it bears in N, greater than 0, instead of the material's")
 
 
 class Contact(Entry):
@@ -386,6 +409,11 @@ class Scene(Entry):
         if own is not None:
             return own
         return self._material(string).damping if self.strings[string].material else 0.0
+
+    def strength(self, string: str) -> float | None:
+        """Of a string, its own or its material's, N; None: not known."""
+        own = self.strings[string].strength
+        return own if own is not None or not self.strings[string].material else self._material(string).strength
 
     def element(self, name: str) -> ElementLaw:
         """The force law of this name, with its parts in place of their names."""

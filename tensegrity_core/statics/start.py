@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -131,6 +132,8 @@ def _at_given_coordinates(scene: Scene) -> Model:
         ),
         string_mass=np.array([string.mass for string in scene.strings.values()]),
         two_way=np.array([string.two_way for string in scene.strings.values()]),
+        sections=_known(bar.section() for bar in scene.bars.values()),
+        strength=_known(map(scene.strength, scene.strings)),
     )
 
 
@@ -144,6 +147,11 @@ def _ground(scene: Scene) -> Ground | None:
 def _single_axes(scene: Scene, along: dict[str, tuple[int, ...]], index: dict[str, int]) -> tuple:
     """(node, axes) of the nodes that are named with some of the scene's axes, in node order."""
     return tuple(sorted((index[node], axes) for node, axes in along.items() if axes != scene.axes))
+
+
+def _known(values: Iterable[Any]) -> tuple[tuple[int, Any], ...]:
+    """(place, value) of those that are not None."""
+    return tuple((place, value) for place, value in enumerate(values) if value is not None)
 
 
 def _in_node_order(table: dict[str, float], index: dict[str, int]) -> tuple[tuple[int, float], ...]:

@@ -10,9 +10,9 @@ from tensegrity_core.kernel import to_bytes
 from tensegrity_core.kernel.unpacking import from_bytes
 from tensegrity_core.scene import builtin_scenes
 from tests.support import element_scenes, scene
-from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
+from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, RATED, built
 
-SCENES = {"pendulum": PENDULUM, "afloat": AFLOAT, "mast": MAST, "laboratory": LABORATORY}
+SCENES = {"pendulum": PENDULUM, "afloat": AFLOAT, "mast": MAST, "laboratory": LABORATORY, "rated": RATED}
 
 
 def again(model):
@@ -31,7 +31,19 @@ def test_models_come_back_and_pack_to_the_same_bytes():
     for model in models():
         back = again(model)
         assert to_bytes(back) == to_bytes(model), model.name
-        for name in ("axes", "node_names", "string_names", "nsh", "element", "damper", "actuator", "gravity", "moving", "drag"):
+        for name in (
+            "axes",
+            "node_names",
+            "string_names",
+            "nsh",
+            "element",
+            "damper",
+            "actuator",
+            "gravity",
+            "moving",
+            "drag",
+            "strength",
+        ):
             assert getattr(back, name) == getattr(model, name), (model.name, name)
         np.testing.assert_array_equal(back.nodes[:, list(model.axes)], model.nodes[:, list(model.axes)])
         np.testing.assert_array_equal(back.fixed, model.fixed)

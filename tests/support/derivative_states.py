@@ -35,6 +35,10 @@ class Bench:
         self.derivatives = Derivatives(self.view)
         self.start, self.half = self.view.states, (self.view.size - 2) // 2
         self.values = self.kernel.values.copy()
+        self.kinked = np.zeros(self.derivatives.unknowns, dtype=bool)  # utilisations, which have a kink where the load ends
+        for field in ("bar_utilisation", "string_utilisation"):
+            first = self.kernel.layout[field].start - self.kernel.first_output + self.derivatives.outputs.start
+            self.kinked[first : first + len(self.kernel[field])] = True
         self.pieces: set[tuple[int, int, bool]] = set()
 
     def tunable(self, field: str) -> bool:
@@ -90,7 +94,8 @@ class Bench:
 
     def column(self, j: int) -> tuple[np.ndarray, float]:
         """Derivatives by known number j, from central differences extrapolated twice (their error goes with the sixth power of
-        the step), and the step.  `left` says whether a string left its piece meanwhile, so that they mean nothing."""
+        the step), and the step.  `left` says whether a string left its piece meanwhile, so that they mean nothing; of a
+        utilisation that ends or begins meanwhile, NaN."""
         self.left = False
         n = self.view.size
         value = self.x[j] if j < n else self.kernel.values[j - n]
@@ -102,7 +107,9 @@ class Bench:
             self.put(j, value + step)
             above = self.unknowns()
             self.put(j, value - step)
-            found.append((above - self.unknowns()) / (2.0 * step))
+            below = self.unknowns()
+            found.append((above - below) / (2.0 * step))
+            found[-1][self.kinked & ((above > 0.0) != (below > 0.0))] = np.nan
         self.put(j, value)
         self.view.set(0.0, self.x)
         first, second = (4.0 * found[1] - found[0]) / 3.0, (4.0 * found[2] - found[1]) / 3.0

@@ -70,6 +70,19 @@ LABORATORY = {
 }
 
 
+#: The same with what its members bear: bars that are pushed and pulled, with sections of every kind, and strings.
+RATED = LABORATORY | {
+    "name": "rated",
+    "materials": {"cable": {"strength": 900.0}},
+    "bars": {
+        "b1": {"E": 70e9, "diameter": 0.012},
+        "b2": {"E": 210e9, "diameter": 0.02, "wall": 0.001},
+        "b4": {"nodes": ["n8", "n9"], "mass": 0.8, "E": 3e9, "area": 1.2e-4, "second_moment": 4e-10},
+    },
+    "strings": LABORATORY["strings"] | {"s7": LABORATORY["strings"]["s7"] | {"strength": 60.0}},
+}
+
+
 def built(scene: dict, **changes):
     """The model of a scene with some of its keys replaced."""
     return build_model(parse_scene(scene | changes))

@@ -34,6 +34,7 @@ typedef struct {
     const int32_t *element, *damper;       /* (S, 2) places of the string's force law and damper in the programs, -1: none */
     const int32_t *massed, *dragged;       /* (P), (R) nodes with a point mass, with drag */
     const int32_t *moved, *wound;          /* (E) nodes that are moved, (A) strings with an actuator */
+    const int32_t *braced, *rated;         /* (C) bars with a section, (T) strings with a strength */
     const int32_t *program;                /* (program_ints) force laws, see kernel/packing.py */
     const double *program_values;          /* (program_doubles) */
     const double *node, *velocity;         /* (N, D) positions, m, and velocities, m/s, at the start */

@@ -2,9 +2,10 @@
  *
  * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, sizes of the programs (int32,
  * doubles); fixed (N), bars (B, 2), strings (S, 2), beams (S), law of the beams (S), places of elements (S, 2) and dampers (S, 2)
- * in the programs, nodes with a point mass (P), with drag (R), moved nodes (E), strings with an actuator (A), programs, one 0 where
- * the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), programs, start values of all inputs and parameters;
- * uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see kernel/packing.py. */
+ * in the programs, nodes with a point mass (P), with drag (R), moved nodes (E), strings with an actuator (A), bars with a section
+ * (C), strings with a strength (T), programs, one 0 where the number of int32 is odd; doubles: nodes (N, D), velocities (N, D),
+ * programs, start values of all inputs and parameters; uint64: FNV-1a hash of everything before it.  Programs: force laws as trees
+ * in prefix order, see kernel/packing.py. */
 #include "model/packed.h"
 #include "invariants.h"
 #include "linear/pairs.h"
@@ -181,6 +182,10 @@ static const char *check(const ts_model *m)
     }
     for (int i = 0; i < m->count[TS_P] + m->count[TS_R] + m->count[TS_E]; i++) /* one behind the other */
         if (m->packed.massed[i] < 0 || m->packed.massed[i] >= N) return "a mass, drag or motion names an unknown node";
+    for (int i = 0; i < m->count[TS_C]; i++)
+        if (m->packed.braced[i] < 0 || m->packed.braced[i] >= B) return "a section is of an unknown bar";
+    for (int i = 0; i < m->count[TS_T]; i++)
+        if (m->packed.rated[i] < 0 || m->packed.rated[i] >= S) return "a strength is of an unknown string";
     for (int i = 0; i < m->count[TS_E]; i++)
         if (!m->packed.fixed[m->packed.moved[i]]) return "a moved node is not fixed";
     for (int i = 0; i < m->count[TS_A]; i++)
@@ -342,7 +347,8 @@ static size_t int_count(const ts_model *m)
 {
     const int32_t *count = m->count;
     size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 8 * (size_t)count[TS_S];
-    n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A] + (size_t)m->packed.program_ints;
+    n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A];
+    n += (size_t)count[TS_C] + (size_t)count[TS_T] + (size_t)m->packed.program_ints;
     return n + n % 2;
 }
 
@@ -482,7 +488,9 @@ static void find_parts(ts_model *m, const char *blob)
     p->dragged = p->massed + m->count[TS_P];
     p->moved = p->dragged + m->count[TS_R];
     p->wound = p->moved + m->count[TS_E];
-    p->program = p->wound + m->count[TS_A];
+    p->braced = p->wound + m->count[TS_A];
+    p->rated = p->braced + m->count[TS_C];
+    p->program = p->rated + m->count[TS_T];
     p->node = (const double *)(const void *)(blob + 8 + 4 * int_count(m));
     p->velocity = p->node + N * m->count[TS_D];
     p->program_values = p->velocity + N * m->count[TS_D];

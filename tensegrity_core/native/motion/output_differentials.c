@@ -4,6 +4,7 @@
 #include "linear/chain.h"
 #include "model/data.h"
 #include "motion/kinematics.h"
+#include "motion/outputs.h"
 
 static int32_t value_at(const ts_differentials *o, int field, int i) { return o->at.values + o->sim->m.at[field] + i; }
 
@@ -168,6 +169,26 @@ static void bar_force(ts_differentials *o, int i)
         speed += sim->state.y[v] * sim->state.y[v];
     }
     if (o->start) chain_add(c, value_at(o, TS_BAR_MASS, i), speed * over / 12.0);
+}
+
+/* A utilisation: a force times per_force, which falls with the limit; flat where the force leaves the member unloaded. */
+static void used(ts_differentials *o, int field, int i, int32_t force, int32_t limit, double per_force)
+{
+    const double part = value(o, field, i);
+    chain_row(&o->chain, output_at(o, field, i));
+    chain_add(&o->chain, force, part > 0.0 ? per_force : 0.0);
+    if (o->start) chain_add(&o->chain, limit, -part / o->sim->io.values[limit - o->at.values]);
+}
+
+static void utilisation(ts_differentials *o)
+{
+    const ts_model *m = &o->sim->m;
+    for (int i = 0; i < m->count[TS_C]; i++)
+        used(o, TS_BAR_UTILISATION, i, output_at(o, TS_BAR_FORCE, m->packed.braced[i]), value_at(o, TS_BENDING_STIFFNESS, i),
+             -1.0 / ts_buckling_load(o->sim, i));
+    for (int i = 0; i < m->count[TS_T]; i++)
+        used(o, TS_STRING_UTILISATION, i, output_at(o, TS_STRING_FORCE, m->packed.rated[i]), value_at(o, TS_STRENGTH, i),
+             1.0 / value(o, TS_STRENGTH, i));
 }
 
 /* --- energies ------------------------------------------------------------------------------------------------------------ */
@@ -342,6 +363,7 @@ void ts_differentiate_outputs(ts_differentials *o)
     loads(o);
     reactions(o);
     for (int i = 0; i < m->count[TS_B]; i++) bar_force(o, i);
+    utilisation(o);
     kinetic(o);
     potential(o);
     for (int i = 0; i < 2; i++) {

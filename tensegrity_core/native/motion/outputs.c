@@ -186,6 +186,14 @@ ALWAYS_INLINE void reactions(const ts_model *m, const double *node_force, double
             values[m->at[TS_REACTION] + (-1 - m->node.free_index[n]) * D + d] = -node_force[n * D + d];
 }
 
+/* Euler's, of a hinged bar (N). */
+double ts_buckling_load(const ts_sim *sim, int column)
+{
+    const ts_model *m = &sim->m;
+    const double over = 3.14159265358979323846 / m->bar.length[m->packed.braced[column]];
+    return over * over * sim->io.values[m->at[TS_BENDING_STIFFNESS] + column];
+}
+
 /* Reactions of pinned bars, m c''/2 + m a_base - f_base - f_tip; then with them the axial forces (eq. 1):
  * -lambda l = J |b'|^2/l + b.(f2 - f1)/(2 l). */
 ALWAYS_INLINE void bars(ts_sim *sim, const int D)
@@ -210,6 +218,19 @@ ALWAYS_INLINE void bars(ts_sim *sim, const int D)
         }
         sim->io.values[m->at[TS_BAR_FORCE] + i] = (mass[i] / 12.0 * speed + 0.5 * axial) / m->bar.length[i];
     }
+}
+
+/* Compression over pi^2 E I/l^2, tension over strength; the forces are among the outputs. */
+static void utilisation(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    double *values = sim->io.values;
+    for (int i = 0; i < m->count[TS_C]; i++)
+        values[m->at[TS_BAR_UTILISATION] + i] =
+            fmax(-values[m->at[TS_BAR_FORCE] + m->packed.braced[i]], 0.0) / ts_buckling_load(sim, i);
+    for (int i = 0; i < m->count[TS_T]; i++)
+        values[m->at[TS_STRING_UTILISATION] + i] =
+            fmax(values[m->at[TS_STRING_FORCE] + m->packed.rated[i]], 0.0) / values[m->at[TS_STRENGTH] + i];
 }
 
 static void drives(ts_sim *sim)
@@ -256,6 +277,7 @@ void ts_outputs(ts_sim *sim, double tau, int groups)
     if (groups & TS_OF_FORCES) {
         strings(sim, tau);
         DISPATCH(m, mechanics, sim, tau);
+        utilisation(sim);
     }
     if (groups & TS_OF_ENERGIES) energies(sim);
     if (groups & TS_OF_WORK) memcpy(out + m->at[TS_DISSIPATED], sim->state.y + 2 * m->nq, TS_LEDGER * sizeof *out);

@@ -10,12 +10,12 @@ from fmu_src.variables.states import Graph, exchange_variables
 from tensegrity_core.scene import builtin_scenes
 from tests.support import scene
 from tests.support.derivative_states import Bench
-from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
+from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, RATED, built
 from tests.support.element_scenes import mast
 
 #: Of the largest derivative of the same unknown: what is left of terms that cancel.
 ROUND_OFF = 1e-15
-DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT, "winch": MAST}
+DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT, "winch": MAST, "rated": RATED}
 
 
 def model_of(name, law):
