@@ -24,7 +24,7 @@ import numpy as np
 
 from .. import statics
 from ..errors import InputError
-from ..fields import FIELDS, Field
+from ..fields import FIELDS, Field, size
 from ..laws import damping, string_law
 from ..model import Model
 from ..model.components import flattened, names
@@ -428,7 +428,7 @@ class _System:
             "reaction": (ground[0][fixed].ravel(), ground[1][fixed].reshape(-1, self.width)),
         }
         found |= self._utilisation(found)
-        return [(field, *found[field.name]) for field in OUTPUTS]
+        return [(field, *found[field.name]) for field in OUTPUTS if size(field, model.counts)]
 
     def _utilisation(self, pulls: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Utilisations and their derivatives over z, from those of the forces: constant factors, but where they are 0."""

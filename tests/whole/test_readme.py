@@ -24,7 +24,7 @@ from fmu_src.variables.interface import variables
 from tensegrity_core import cli
 from tensegrity_core.scene import scene_schema
 from tests.support import same_picture, scene
-from tests.support.driven_scenes import LABORATORY, built
+from tests.support.driven_scenes import LABORATORY, RATED, built
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -238,11 +238,19 @@ def test_every_key_of_a_scene_file_is_documented(heading, definition):
             assert f'"{choice}"' in rows[key][1], f"{key}: {choice} is not documented"
 
 
-@pytest.mark.parametrize("heading, model", [("Variables", "three_bar_nsh"), ("Variables of drives", "laboratory")])
+MODELS_OF = {
+    "Variables": "three_bar_nsh",
+    "Variables of drives": LABORATORY,
+    "Variables of what members bear": RATED,
+}
+
+
+@pytest.mark.parametrize("heading, model", MODELS_OF.items())
 def test_every_variable_of_the_fmu_is_documented(heading, model):
-    model = built(LABORATORY) if model == "laboratory" else scene(model)
+    model = scene(model) if isinstance(model, str) else built(model)
     known = {row.name: row for row in variables(model)}
     common = {row.field for row in variables(scene("three_bar_nsh"))} if heading != "Variables" else set()
+    common |= {row.field for row in variables(built(LABORATORY))} if heading == "Variables of what members bear" else set()
     documented = {}
     for name, causality, unit, _ in table(ROOT / "docs" / "fmu.md", heading):
         row = known[name.strip("`")]
