@@ -67,8 +67,8 @@ COMPARED = {
 COUNTS = {
     "D": "axes that the scene uses: 3, or 2 in a planar scene",
     "N": "nodes",
-    "F": "free nodes, in node order",
-    "G": "fixed nodes, in node order",
+    "F": "free nodes, in node order: those that are not fixed along all axes",
+    "G": "nodes fixed along any axis, in node order",
     "B": "bars",
     "S": "strings",
     "H": "strings with an NSH, in string order",

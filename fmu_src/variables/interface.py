@@ -16,7 +16,7 @@ from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import string_law
 from tensegrity_core.model import Model
-from tensegrity_core.model.components import AXES, components, flat
+from tensegrity_core.model.components import AXES, components, flat, present
 
 from .dependencies import initial_dependencies
 
@@ -94,10 +94,10 @@ def variables(model: Model, naming: str = "structured") -> tuple[Variable, ...]:
     for fields, starts in ((FIELDS, start.values), (INTEGER_FIELDS, start.integers)):
         offset = reference
         for field in fields:
-            for component in components(field, model):
+            for component, has in zip(components(field, model), present(field, model).tolist(), strict=True):
                 value = starts[reference - offset].item() if field.role != "output" else None
                 name, role = (field.variable, field.role) if shown is None else shown.get(field.name, ("", ""))
-                if name and (shown is not None or not _hidden(field, component, model)):
+                if name and has and (shown is not None or not _hidden(field, component, model)):
                     rows.append(_variable(field, name, role, component, reference, value, model, known, naming))
                     if shown is None:
                         rows[-1] = replace(rows[-1], array=_array(field, component, model, naming))
@@ -155,21 +155,28 @@ def _variable(field, name, role, component, reference, start, model, known, nami
         min=low,
         max=high,
         nominal=_nominal(field, start, model) if kind == "Real" else None,
-        description=_description(field, component),
+        description=_description(field, component) + _told(field, component, model),
         field=field.name,
         known=tuple(known.get(reference, ())),
     )
 
 
 def _array(field: Field, component: dict, model: Model, naming: str) -> Array | None:
-    """What this component's value is an element of."""
-    if not ("D" in component or "beam" in component or component.get("V")):
+    """What this component's value is an element of; a node that is fixed or moved along single axes has no vectors."""
+    if not ("D" in component or "beam" in component or component.get("V")) or _single(field, component, model):
         return None
     pattern = field.variable.replace(".{D}", "").replace("[{beam}]", "").replace("{V}", "")
     name = ARRAYS.get(field.name, pattern).format(**component)
     along = ", one for each beam" if "beam" in component else f"; {', '.join(AXES[i] for i in model.axes)}"
     whole = {letter: one for letter, one in component.items() if letter not in ("D", "beam")}
     return Array(flat(name) if naming == "flat" else name, _description(field, whole) + along)
+
+
+def _single(field: Field, component: dict, model: Model) -> bool:
+    """Whether it belongs to a node that has some components of its vectors only."""
+    letter = field.shape[0] if field.shape and field.shape[0] in "NFGE" else ""
+    single = {node for node, _ in (*model.partly_fixed, *model.moving_axes)}
+    return bool(letter and single) and model.node_names.index(component[letter]) in single
 
 
 def by_reference(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
@@ -220,6 +227,13 @@ def _description(field: Field, component: dict) -> str:
     if "D" in component:
         where.append(f"along {component['D']}")
     return f"{', '.join(where)}: {field.meaning}" if where else field.meaning
+
+
+def _told(field: Field, component: dict, model: Model) -> str:
+    """What is said of one component alone."""
+    if field.name == "bar_force" and model.redundant[model.bar_names.index(component["B"])]:
+        return "; redundant: of the forces that keep the lengths, those of least norm"
+    return ""
 
 
 _KINDS = {"N": "node", "F": "node", "G": "node", "B": "bar", "S": "string", "H": "string", "Z": "string"}

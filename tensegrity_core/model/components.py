@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from ..fields import Field
+from ..fields import Field, size
 from .model import Model
 
 AXES = "xyz"
@@ -25,7 +25,7 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
         "D": [{"D": AXES[i]} for i in model.axes],
         "N": [{"N": name} for name in model.node_names],
         "F": [{"F": model.node_names[i]} for i in model.free_nodes],
-        "G": [{"G": model.node_names[i]} for i in model.fixed_nodes],
+        "G": [{"G": model.node_names[i]} for i in model.grounded_nodes],
         "B": [{"B": name} for name in model.bar_names],
         "S": [{"S": name} for name in model.string_names],
         "H": [{"H": model.string_names[i], "beams": len(nsh.Q)} for i, nsh in model.honeycombs.items()],
@@ -48,8 +48,28 @@ def components(field: Field, model: Model) -> Iterator[dict[str, object]]:
 
 
 def names(field: Field, model: Model) -> list[str]:
-    """The names of a field's variables, structured."""
+    """The names of a field's flat values, structured."""
     return [field.variable.format(**component) for component in components(field, model)]
+
+
+def named(field: Field, model: Model) -> dict[str, int]:
+    """The names of a field's variables, structured -> place among its flat values, of those that the model has."""
+    return {name: i for i, (name, own) in enumerate(zip(names(field, model), present(field, model).tolist())) if own}
+
+
+def present(field: Field, model: Model) -> np.ndarray:
+    """(n,) bool: the flat values that are variables.
+
+    A node that is fixed along single axes has no force and no velocity along these, and no reaction along the others; one that
+    is moved along single axes no motion along the others.  Bars without mass have no mass that could be changed.
+    """
+    if field.name == "bar_mass":
+        return model.bar_mass > 0.0
+    along = {"F": (model.free_nodes, ~model.held), "G": (model.grounded_nodes, model.held), "E": (model.moving, model.moved)}
+    if field.shape[-1:] != ("D",) or field.shape[0] not in along:
+        return np.ones(size(field, model.counts), dtype=bool)
+    nodes, has = along[field.shape[0]]
+    return has[np.ix_(nodes, model.axes)].ravel()
 
 
 def flat(name: str) -> str:
@@ -76,7 +96,7 @@ def _places(field: Field, model: Model) -> tuple:
     """Where the field's values stand in a full shape; all of them where it has no vectors."""
     if "D" not in field.shape:
         return (slice(None),)
-    named = {"D": model.axes, "N": range(len(model.nodes)), "F": model.free_nodes, "G": model.fixed_nodes}
+    named = {"D": model.axes, "N": range(len(model.nodes)), "F": model.free_nodes, "G": model.grounded_nodes}
     listed = (named.get(letter, range(model.counts[letter])) for letter in field.shape)
     return (slice(None), *np.ix_(*(np.array(some, dtype=int) for some in listed)))
 

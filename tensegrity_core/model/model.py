@@ -299,6 +299,11 @@ class Model:
         return np.flatnonzero(self.fixed)
 
     @cached_property
+    def grounded_nodes(self) -> np.ndarray:
+        """(G,) indices of the nodes that are fixed along some axis or all: where the ground holds the structure."""
+        return np.flatnonzero(self.held.any(axis=1))
+
+    @cached_property
     def nsh_strings(self) -> tuple[int, ...]:
         """(H,) indices of the strings that carry an NSH."""
         return tuple(self.honeycombs)
@@ -350,7 +355,7 @@ class Model:
             "D": len(self.axes),
             "N": len(self.nodes),
             "F": len(self.free_nodes),
-            "G": len(self.fixed_nodes),
+            "G": len(self.grounded_nodes),
             "B": len(self.bars),
             "S": len(self.strings),
             "H": len(self.nsh_strings),

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError, nearest
 from ..quantities import number
-from .components import flattened, names, spread
+from .components import flattened, named, names, spread
 from .inputs import INPUTS, RATES, Inputs, held, starts
 from .model import Model
 
@@ -27,7 +27,7 @@ _FOLLOWED = [rate for rate, _, _ in _MOTIONS.values()]
 
 def places(model: Model) -> dict[str, tuple[str, int]]:
     """Name -> field, and place among the field's flat values, of all inputs that a signal may give."""
-    return {name: (field, i) for field in [*_GIVEN, *_FOLLOWED] for i, name in enumerate(names(INPUTS[field], model))}
+    return {name: (field, i) for field in [*_GIVEN, *_FOLLOWED] for name, i in named(INPUTS[field], model).items()}
 
 
 def driven(model: Model, times: np.ndarray, signals: Mapping[str, Signal]) -> Inputs:
@@ -122,7 +122,7 @@ def require_known(model: Model, names_given: Iterable[str], where: str = "") -> 
 def _unknown(model: Model, name: str, known: Mapping[str, object]) -> str:
     rates = {rate: field for field, rate in RATES.items()}
     for rate, field in rates.items():
-        if name in names(INPUTS[rate], model):
-            whole = names(INPUTS[field], model)[names(INPUTS[rate], model).index(name)]
+        if (place := named(INPUTS[rate], model).get(name)) is not None:
+            whole = names(INPUTS[field], model)[place]
             return f"{name} follows from {whole}; give that over time, and leave {name} out"
     return f"{name} is no input of {model.name}; {nearest(name, known, 'inputs')}"

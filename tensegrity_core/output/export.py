@@ -12,14 +12,15 @@ from ..errors import InputError
 from ..fields import outputs
 from ..files import replacing, replacing_text
 from ..model import Model, Result
-from ..model.components import flattened, names
+from ..model.components import flattened, named
 
 
 def columns(model: Model, result: Result) -> dict[str, np.ndarray]:
     """Name -> (K+1,) series, in the order and with the names of the FMU's outputs; `time` (s) comes first."""
     found = {"time": result.times}
     for field in outputs():
-        found.update(zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True))
+        values = flattened(field, model, result.outputs[field.name])
+        found.update((name, values[:, place]) for name, place in named(field, model).items())
     return found
 
 

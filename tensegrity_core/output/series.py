@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..fields import outputs
 from ..files import replacing
 from ..model import Model, Result
-from ..model.components import flattened, names
+from ..model.components import flattened, named
 from .export import require_writable
 
 
@@ -54,8 +54,9 @@ def dataset(model: Model, result: Result, **attributes: Any) -> xr.Dataset:
     variables: dict[str, Any] = {}
     for field in outputs():
         told = {"units": udunits(field.unit), "long_name": field.meaning}
-        for name, values in zip(names(field, model), flattened(field, model, result.outputs[field.name]).T, strict=True):
-            variables[name] = ("time", np.ascontiguousarray(values), told)
+        values = flattened(field, model, result.outputs[field.name])
+        for name, place in named(field, model).items():
+            variables[name] = ("time", np.ascontiguousarray(values[:, place]), told)
     for name, part in TRANSITION.items():
         values = [t.name(model) if name == "string" else getattr(t, name) for t in result.transitions]
         told = {"long_name": part.meaning} | ({"units": part.unit} if part.unit else {})

@@ -32,7 +32,8 @@ def moved_nodes(model: Model, M: np.ndarray) -> Moved:
     for first, second in model.bars:
         for base, tip in ((first, second), (second, first)):
             tips[nodes == base] = tip
-            kappa[nodes == base] = 1.0 + M[tip, base] / M[tip, tip]
+            if M[tip, tip] > 0.0:  # else it is fixed, at the end of a bar without mass
+                kappa[nodes == base] = 1.0 + M[tip, base] / M[tip, tip]
     return Moved(nodes, np.eye(len(model.nodes))[nodes], tips, kappa)
 
 

@@ -538,7 +538,7 @@ class _Run:
         self.rows.append(
             dict(
                 position=N.T,
-                velocity=np.where(model.fixed, 0.0, Ndot).T,
+                velocity=np.where(model.held.T, 0.0, Ndot).T,
                 string_force=strings.tension,
                 elastic_force=strings.elastic,
                 string_length=strings.xi,

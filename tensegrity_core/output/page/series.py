@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import InputError
-from ...fields import outputs
+from ...fields import outputs, size
 from ...model import Model, Result, Transition
-from ...model.components import full_shape, names, spread
+from ...model.components import full_shape, named, spread
 from .. import series
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def _from_table(path: Path, model: Model) -> Result:
     data = series.read(path)
     times = data["time"].values
     columns = {"time": times} | {str(name): one.values for name, one in data.items() if one.dims == ("time",)}
-    wanted = {field.name: names(field, model) for field in outputs()}
+    wanted = {field.name: named(field, model) for field in outputs()}
     known = ["time", *(name for group in wanted.values() for name in group)]
     missing, odd = ([name for name in one if name not in other] for one, other in ((known, columns), (columns, known)))
     if missing:
@@ -50,7 +50,9 @@ def _from_table(path: Path, model: Model) -> Result:
         raise _of_another(path, model, f"its column {odd[0]!r} is none of {model.name}'s")
     found = {}
     for field in outputs():
-        flat = np.array([columns[name] for name in wanted[field.name]]).reshape(-1, len(times)).T
+        flat = np.zeros((len(times), size(field, model.counts)))
+        for name, place in wanted[field.name].items():
+            flat[:, place] = columns[name]
         found[field.name] = spread(field, model, flat.astype(int) if field.compared == "count" else flat)
     return Result(times, _transitions(data, model), {}, **found)
 
