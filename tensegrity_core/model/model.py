@@ -177,13 +177,20 @@ class Model:
             self._set(name, tuple(getattr(self, name)) or (None,) * len(self.strings))
         self._set("routes", routes.checked(self.routes, self.strings))
         nodes, strings, motors = (len(self.nodes), 3), (len(self.strings),), (len(self.motors),)
-        defaults = {"velocity": nodes, "current": motors, "drum_load": motors, "string_mass": strings, "two_way": strings}
-        for name, shape in defaults.items():
+        for name, shape in {"velocity": nodes, "current": motors, "drum_load": motors}.items():
             if getattr(self, name) is None or not np.size(getattr(self, name)):
                 self._set(name, np.zeros(shape))
+        for name in ("string_mass", "two_way"):
+            if getattr(self, name) is None or not np.any(getattr(self, name)):  # also of a model with fewer strings
+                self._set(name, np.zeros(strings))
         for name, shape in {"fixed": nodes[:1], "two_way": strings}.items():
             flags = np.asarray(getattr(self, name))
             self._set(name, array_of(name, flags.astype(int) if flags.dtype == bool else flags, shape) != 0.0)
+        for i in np.flatnonzero(self.two_way):
+            if self.nsh[i] is not None or self.element[i] is not None:
+                raise InputError(
+                    f"two_way: string {self.string_names[i]!r} has another law than a spring; leave one of them out"
+                )
         shapes = {"nodes nominal velocity": nodes, "bar_mass": (len(self.bars),), "current drum_load": motors}
         shapes["stiffness damping rest_length string_mass"] = strings
         for names, shape in shapes.items():

@@ -55,7 +55,8 @@ def levers(C_b: np.ndarray, fixed: np.ndarray, m: np.ndarray, m_p: np.ndarray) -
 
 
 def string_motion(N, Ndot, C_s):
-    """S = N C_s^T (3, S), lengths xi = |s| and their rates s . sdot / xi (the article's remark after eq. 3)."""
+    """S = N C_s^T (3, S), lengths xi = |s| and their rates s . sdot / xi (the article's remark after eq. 3); of the segments of
+    strings where they are routed."""
     S, Sdot = N.dot(C_s.T), Ndot.dot(C_s.T)
     xi = lengths(diagonal(S, S))
     return S, xi, diagonal(S, Sdot) / xi

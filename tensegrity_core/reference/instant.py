@@ -52,7 +52,8 @@ NO_WINDING = np.zeros((2, 0))
 
 class Mode(NamedTuple):
     """Per string: the piece of the force curve that it follows; whether its tension is clipped at zero; the
-    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.
+    elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.  A spring
+    that also pushes is always on piece 0, and taut.
 
     branches: the branch of each string with memory, whose piece is 0 where it is slack and else one more than the number of
     its snapped parts; k, d (S,), curves and damper_curves: the forces, see `elastic_tension` and `damping_tension`."""
@@ -71,10 +72,9 @@ class Mode(NamedTuple):
 
 
 class Strings(NamedTuple):
-    """Per string at one instant: S (3, S), xi, elongation xi - xi0, its rate, elastic tension, tension before clipping,
-    tension; m, m/s, N."""
+    """Per string at one instant: xi, elongation xi - xi0, its rate, elastic tension, tension before clipping, tension; m, m/s,
+    N."""
 
-    S: np.ndarray
     xi: np.ndarray
     elongation: np.ndarray
     rate: np.ndarray
@@ -107,17 +107,20 @@ def rest_lengths(s: Structure, load: Load, t: float, winding):
 
 def strings_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING) -> Strings:
     """Kinematics and tensions of all strings under the pieces that `mode` holds."""
-    S, xi, xi_rate = string_motion(N, Ndot, s.C_s)
-    return _strings(s, load, mode, t, S, xi, xi_rate, winding)
+    _, xi, xi_rate = string_motion(N, Ndot, s.C_s)
+    return _strings(s, load, mode, t, xi, xi_rate, winding)
 
 
-def _strings(s: Structure, load: Load, mode: Mode, t: float, S, xi, xi_rate, winding) -> Strings:
+def _strings(s: Structure, load: Load, mode: Mode, t: float, xi, xi_rate, winding) -> Strings:
+    """xi, xi_rate (G,): of the segments; a routed string's are the sums of its segments'."""
+    if s.route is not None:
+        xi, xi_rate = s.route.dot(xi), s.route.dot(xi_rate)
     xi0, xi0_rate = rest_lengths(s, load, t, winding)
     elongation = xi - xi0
     rate = xi_rate - xi0_rate
     elastic = elastic_tension(elongation, mode.k, mode.curves)
     unclipped = elastic + damping_tension(rate, mode.d, mode.damper_curves)
-    return Strings(S, xi, elongation, rate, elastic, unclipped, unclipped * mode.pulls)
+    return Strings(xi, elongation, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
 def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True) -> Motion:
@@ -127,8 +130,9 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
     S, B = members[:, :m], members[:, m:]
     squares = diagonal(members, members)
     xi = lengths(squares[:m])
-    strings = _strings(s, load, mode, t, S, xi, diagonal(S, rates[:, :m]) / xi, winding)
-    F = external_force(s, load) + s.weight - (S * (strings.tension / xi)).dot(s.C_s)
+    strings = _strings(s, load, mode, t, xi, diagonal(S, rates[:, :m]) / xi, winding)
+    tension = strings.tension if s.route is None else strings.tension.dot(s.route)  # one along the whole path
+    F = external_force(s, load) + s.weight - (S * (tension / xi)).dot(s.C_s)
     if len(s.dragged):
         F -= s.drag * Ndot
     if s.joints is not None:
@@ -186,7 +190,8 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
 
 def elastic_energy(s: Structure, elongation, branches: dict | None = None) -> float:
     """Energy stored in the strings, J.  branches: string -> Branch of those with memory."""
-    stored = [0.5 * k * max(x, 0.0) ** 2 for k, x in zip(s.model.stiffness.tolist(), elongation.tolist())]
+    values = zip(s.model.stiffness.tolist(), elongation.tolist(), s.least)
+    stored = [0.5 * k * max(x, least) ** 2 for k, x, least in values]
     for j, law in (s.laws | (branches or {})).items():
         stored[j] = law.energy(elongation.item(j))
     return sum(stored)
@@ -228,12 +233,13 @@ def drift(s: Structure, N, Ndot) -> float:
 def fastest_rate(s: Structure) -> float:
     """Upper bound on how fast dampers and drag slow nodes and motors down, 1/s: largest eigenvalue of D M^-1, with
     D = C_s^T d C_s + drag; and d_a / J_a.  A damper between a node and a motor counts twice at both:
-    d (xi' + r delta')^2 <= 2 d xi'^2 + 2 d (r delta')^2."""
+    d (xi' + r delta')^2 <= 2 d xi'^2 + 2 d (r delta')^2; one over m segments m times at each, for the same reason."""
     d, motors = s.model.damping.copy(), s.motors
     for j, law in s.dampers:
         d[j] = max(law.slope(rate) for rate in (0.0, 1.0, *law.kinks))  # a bound for rates up to 1 m/s
     d[motors.strings] *= 2.0
-    damping = (s.C_s.T * d) @ s.C_s + np.diag(s.drag)
+    of_segments = d if s.route is None else (d * s.route.sum(axis=1)).dot(s.route)
+    damping = (s.C_s.T * of_segments) @ s.C_s + np.diag(s.drag)
     of_motors = (motors.damping + motors.radius**2 * d[motors.strings]) / motors.inertia
     inverses = (s.M_inv,) if s.joints is None else s.joints.M_inv
     of_nodes = max(np.abs(np.linalg.eigvals(damping @ M_inv)).max(initial=0.0) for M_inv in inverses)
@@ -256,9 +262,9 @@ def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict
             upper[j] = ends[p]
     for j, branch in branches.items():
         lower[j], upper[j] = branch.lower, branch.upper
-    taut, k = (piece > 0).astype(float), s.model.stiffness
+    taut, k = np.maximum(piece > 0, s.two_way), s.model.stiffness
     curves = tuple((j, law.on_piece(piece.item(j))) for j, law in (s.laws | branches).items())
-    damper_curves = tuple((j, law.force) for j, law in s.dampers if piece[j] > 0)
+    damper_curves = tuple((j, law.force) for j, law in s.dampers if taut[j])
     d = s.model.damping * taut
     d[[j for j, _ in s.dampers]] = 0.0
     return Mode(piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, curves, damper_curves)

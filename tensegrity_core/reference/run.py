@@ -215,6 +215,8 @@ class _Run:
         motion = motion_at(self.s, self.load, mode, t, N, Ndot, self.winding(y))
         Sddot = motion.Nddot.dot(self.s.C_s.T)
         found = (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate**2) / xi
+        if self.s.route is not None:
+            found = self.s.route.dot(found)
         found[self.s.motors.strings] += self.s.motors.radius * motion.winding
         return found
 

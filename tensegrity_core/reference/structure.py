@@ -7,6 +7,7 @@ import numpy as np
 from .. import laws
 from ..errors import InputError
 from ..model import Model
+from ..model.routes import segments
 from .equations import connectivity, levers, mass_matrix
 from .joints import Joints
 from .motors import motors_of
@@ -16,12 +17,14 @@ from .moved import moved_nodes
 class Structure:
     """A model's constant matrices, in the article's notation.  Raises InputError for a model that is not well posed.
 
-    C (n, S + B): [C_s^T C_b^T]; M (n, n); M_inv (n, n): of the free nodes, see `equations`; J (B,), arms (B, n): see `levers`;
-    C_b_M_inv (B, n): C_b M^-1; fixed (n,): 1 at fixed nodes; weight (3, n): gravity at the nodes, N; drag (n,): N s/m, other
-    than 0 at the nodes `dragged`; in_plane (3, 1): 1 on the axes that the scene uses;
+    C_s (G, n): of the strings' segments, one each but of routed strings; route (S, G): 1 where a segment is a string's, None
+    where none is routed; C (n, G + B): [C_s^T C_b^T]; M (n, n); M_inv (n, n): of the free nodes, see `equations`; J (B,), arms
+    (B, n): see `levers`; C_b_M_inv (B, n): C_b M^-1; fixed (n,): 1 at fixed nodes; weight (3, n): gravity at the nodes, N;
+    drag (n,): N s/m, other than 0 at the nodes `dragged`; in_plane (3, 1): 1 on the axes that the scene uses;
     laws: of the strings that are no springs, with memory as stretched from slack; slack: of those with memory, their slack
     branches; dampers: (string, Damping) of those that are not linear;
-    breakpoints: per string the ends of its pieces, m; none of a string with memory;
+    breakpoints: per string the ends of its pieces, m; none of a string with memory, nor of a spring that pushes, too; two_way
+    (S,): 1 of the latter; least: per string the smallest elongation that counts in its energy, m;
     joints: what takes the place of M_inv, J, arms and C_b_M_inv in a model beyond class 1, None in others; held (3, n): 1 at
     fixed coordinates; moved_axes (3, E): 1 at the moved coordinates of the moved nodes.
     """
@@ -29,12 +32,14 @@ class Structure:
     def __init__(self, model: Model):
         _require_well_posed(model)
         n, self.model = len(model.nodes), model
-        self.C_s, self.C_b = connectivity(model.strings, n), connectivity(model.bars, n)
+        parts = segments(model.paths)
+        self.C_s, self.C_b = connectivity(parts.ends, n), connectivity(model.bars, n)
+        self.route = (np.arange(len(model.strings))[:, None] == parts.string).astype(float) if model.routes else None
         self.C = np.concatenate((self.C_s, self.C_b)).T.copy()
         C_r = 0.5 * np.abs(self.C_b)
         m_p, self.drag = np.zeros(n), np.zeros(n)
-        for where, table in ((m_p, model.point_mass), (self.drag, model.drag)):
-            for node, value in table:
+        for where, table in ((m_p, model.payload), (self.drag, dict(model.drag))):
+            for node, value in table.items():
                 where[node] = value
         self.dragged = np.flatnonzero(self.drag)
         self.M = mass_matrix(self.C_b, C_r, model.bar_mass / 12.0, model.bar_mass, m_p)
@@ -54,7 +59,10 @@ class Structure:
         self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
         self.laws, self.slack = laws.curved_laws(model), laws.slack_branches(model)
         self.dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
-        self.breakpoints = [self.laws[j].breakpoints if j in self.laws else (0.0,) for j in range(len(model.strings))]
+        ends = [() if two_way else (0.0,) for two_way in model.two_way]
+        self.breakpoints = [self.laws[j].breakpoints if j in self.laws else ends[j] for j in range(len(model.strings))]
+        self.two_way = model.two_way.astype(float)
+        self.least = np.where(model.two_way, -np.inf, 0.0).tolist()
 
 
 def _require_well_posed(model: Model) -> None:
@@ -63,7 +71,7 @@ def _require_well_posed(model: Model) -> None:
         if model.fixed[ends].all() and not model.moved[ends].any():
             raise InputError(f"bar {model.bar_names[i]!r} has both ends fixed; free one of them")
     massed = {node for i, ends in enumerate(model.bars.tolist()) if model.bar_mass[i] > 0.0 for node in ends}
-    massed |= {node for node, mass in model.point_mass if mass > 0.0}
+    massed |= {node for node, mass in model.payload.items() if mass > 0.0}
     for node in model.free_nodes.tolist():
         if node not in massed:
             name, why = model.node_names[node], "is on bars without mass only" if node in model.bars else "belongs to no bar"
