@@ -136,7 +136,7 @@ def moving_strings(model: Model) -> tuple[list[int], float]:
     article's 0.15 m or a fifth of the shortest rest length.
     """
     top = set(top_nodes(model).tolist())
-    chosen = [i for i, ends in enumerate(model.strings.tolist()) if set(ends) <= top]
+    chosen = [i for i, path in enumerate(model.paths) if set(path) <= top]
     unwound = [i for i, actuator in enumerate(model.actuator) if actuator is None]
     chosen = [i for i in chosen if i in unwound] or unwound
     return chosen, min(0.15, 0.2 * float(np.min(model.rest_length[chosen])))

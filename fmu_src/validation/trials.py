@@ -148,7 +148,8 @@ class _Drive:
     def __init__(self, model: Model, strength: float):
         self.model, self.scale = model, _force_scale(model)
         self.force = strength * self.scale * _directions(model)
-        travels = [float(at[-1]) for at in map(kernel.Kernel(model).breakpoints, range(len(model.strings)))]
+        ends = map(kernel.Kernel(model).breakpoints, range(len(model.strings)))
+        travels = [float(at[-1]) if len(at) else 0.0 for at in ends]  # a string that also pushes has none
         k = model.stiffness
         plain = np.divide(strength * self.scale, k, out=np.zeros(len(k)), where=k > 0.0)
         travel = 0.5 * (1.0 + BEYOND) * np.array(travels)

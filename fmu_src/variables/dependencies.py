@@ -15,8 +15,8 @@ from tensegrity_core.model import Model
 #: Inputs and parameters of which it is known here what depends on them; on any other, all outputs do.
 KNOWN = frozenset(
     """force rest_length rest_length_rate current drum_load node_position node_velocity node_acceleration stiffness damping
-    gravity drag bar_mass point_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant drum_radius
-    bending_stiffness strength tolerance max_step method
+    gravity drag bar_mass point_mass string_mass nsh_Q nsh_zeta nsh_h motor_inertia motor_damping torque_constant
+    drum_radius bending_stiffness strength tolerance max_step method
     """.split()
 )
 #: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
@@ -119,7 +119,11 @@ class Places:
         return {self.at(field, self.mover[node] * axes + axis) for axis in range(axes)} if node in self.mover else set()
 
     def point_masses(self, *nodes: int) -> set[int]:
-        return {self.at("point_mass", i) for i, (at, _) in enumerate(self.model.point_mass) if at in nodes}
+        """The masses at these nodes beside those of bars: point masses, and of strings that have mass."""
+        points = {self.at("point_mass", i) for i, (at, _) in enumerate(self.model.point_mass) if at in nodes}
+        heavy = self.model.massive_strings
+        shared = {self.at("string_mass", heavy.index(string)) for string, at, _ in self.model.string_mass_shares if at in nodes}
+        return points | shared
 
     def velocity(self, node: int) -> set[int]:
         """What the velocity of a node depends on that moves with a moved one.  Of the bar's masses the impulse only knows the
@@ -138,8 +142,8 @@ class Places:
         return known | {self.at("bar_mass", b) for b, bar in enumerate(self.model.bars) if node in bar}
 
     def ends(self, s: int) -> set[int]:
-        """Where the string's ends are."""
-        return set().union(*(self.of_node("node_position", int(node)) for node in self.model.strings[s]))
+        """Where the string's nodes are."""
+        return set().union(*(self.of_node("node_position", node) for node in self.model.paths[s]))
 
     def curve(self, s: int) -> set[int]:
         """The shape of a string's NSH."""
@@ -153,15 +157,14 @@ class Places:
         return known if self.model.actuator[s] else known | {self.at("rest_length", s)}
 
     def tension(self, s: int) -> set[int]:
-        rates = set().union(*(self.velocity(int(node)) for node in self.model.strings[s]))
+        rates = set().union(*(self.velocity(node) for node in self.model.paths[s]))
         if not self.model.actuator[s]:
             rates |= {self.at("rest_length_rate", s)}
         return self.elastic(s) | rates | {self.at("damping", s)} if rates else self.elastic(s)
 
     def node(self, node: int) -> set[int]:
         """The force on a node by its strings, by drag and, where it is free, by the input."""
-        touching = np.flatnonzero((self.model.strings == node).any(axis=1))
-        known = set().union(*(self.tension(int(s)) for s in touching))
+        known = set().union(*(self.tension(s) for s, path in enumerate(self.model.paths) if node in path))
         for i, (at, _) in enumerate(self.model.drag):
             if at == node and self.velocity(node):
                 known |= self.velocity(node) | {self.at("drag", i)}
@@ -203,8 +206,8 @@ class Places:
         return known
 
     def weight(self, b: int, nodes: list[int]) -> set[int]:
-        """Of a bar and of the point masses at these of its nodes."""
+        """Of a bar and of the other masses at these of its nodes."""
         return self.all("gravity") | {self.at("bar_mass", b)} | self.point_masses(*nodes)
 
     def weights(self) -> set[int]:
-        return self.all("gravity") | self.all("bar_mass") | self.all("point_mass")
+        return self.all("gravity") | self.all("bar_mass") | self.all("point_mass") | self.all("string_mass")

@@ -106,7 +106,7 @@ class Start:
 
     def _stretching(self, s: int) -> set[int]:
         """What a string's length changes by."""
-        known = set().union(*(self.places.velocity(int(node)) for node in self.model.strings[s]))
+        known = set().union(*(self.places.velocity(node) for node in self.model.paths[s]))
         return known if self.model.actuator[s] else known | {self.places.at("rest_length_rate", s)}
 
     def _dissipated(self) -> set[int]:

@@ -247,14 +247,14 @@ class Graph:
         return self.coordinates(self.of_node[node], True, axis) | self.moved("node_velocity", node, axis)
 
     def length(self, s: int) -> set[int]:
-        return set().union(*(self.position(int(node)) for node in self.model.strings[s]))
+        return set().union(*(self.position(node) for node in self.model.paths[s]))
 
     def elastic(self, s: int) -> set[int]:
         own = self.coordinates([self.motor[s]]) if s in self.motor else set()
         return self.length(s) | own | {self.places.at("rest_length", s)}
 
     def tension(self, s: int) -> set[int]:
-        rates = set().union(*(self.velocity(int(node)) for node in self.model.strings[s]))
+        rates = set().union(*(self.velocity(node) for node in self.model.paths[s]))
         own = self.coordinates([self.motor[s]], True) if s in self.motor else set()
         return self.elastic(s) | rates | own | {self.places.at("rest_length_rate", s)}
 
@@ -266,8 +266,8 @@ class Graph:
     def on_node(self, node: int, along: int | None = None) -> set[int]:
         """The force on a node by strings, drag and, where it is free, the input; along: its part along that axis."""
         found: set[int] = set()
-        for s, ends in enumerate(self.model.strings.tolist()):
-            if node in ends:
+        for s, path in enumerate(self.model.paths):
+            if node in path:
                 found |= self.tension(s)
         if any(at == node for at, _ in self.model.drag):
             found |= self.velocity(node, along)
@@ -376,7 +376,7 @@ class Graph:
         node, axis = int(self.model.fixed_nodes[i // self.axes]), i % self.axes
         found = self.on_node(node)
         bars = [b for b, ends in enumerate(self.model.bars.tolist()) if node in ends]
-        if any(at == node for at, _ in self.model.point_mass) and not bars:
+        if self.places.point_masses(node) and not bars:
             found |= self.moved("node_acceleration", node, axis)
         for b in bars:
             found |= self.output_bar_force(b)
@@ -390,8 +390,8 @@ class Graph:
         model = self.model
         falls = range(self.axes) if model.counts["V"] > 1 else [i for i, axis in enumerate(model.axes) if axis == 2]
         masses = {own[0] for own in (*self.of_bar, *self.of_node.values()) if own}  # a free bar's is at its centre of mass
-        heavy = {node for node, _ in model.point_mass} | set(model.bars.ravel().tolist())
-        grounds = [node for node in model.moving if node in heavy]
+        on_bars = set(model.bars.ravel().tolist())
+        grounds = [node for node in model.moving if node in on_bars or self.places.point_masses(node)]
         found = (self.coordinates(masses, False, axis) for axis in falls)
         return set().union(*found, *(self.moved("node_position", node, axis) for node in grounds for axis in falls))
 

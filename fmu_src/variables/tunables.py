@@ -40,7 +40,7 @@ class Tunables:
     def on_node(self, node: int) -> set[int]:
         """The force on a node by strings and drag."""
         found = {self.places.at("drag", r) for r, (at, _) in enumerate(self.model.drag) if at == node}
-        return found.union(*(self.tension(s) for s, ends in enumerate(self.model.strings.tolist()) if node in ends))
+        return found.union(*(self.tension(s) for s, path in enumerate(self.model.paths) if node in path))
 
     def on_bar(self, b: int) -> set[int]:
         """The forces that turn it: at both ends of a free bar, at the tip of a pinned one with gravity."""
@@ -104,7 +104,7 @@ class Tunables:
 
     def _reaction(self, node: int, axis: int) -> set[int]:
         bars = [b for b, ends in enumerate(self.model.bars.tolist()) if node in ends]
-        weighs = any(at == node for at, _ in self.model.point_mass)
+        weighs = self.places.point_masses(node)
         return self.on_node(node).union(self.gravity(axis) if weighs else set(), *(self.on_bar(b) for b in bars))
 
     def output_potential(self, _: int) -> set[int]:

@@ -29,6 +29,7 @@ from ..laws import damping, string_law
 from ..model import Model
 from ..model.components import flattened, names
 from ..model.inputs import INPUTS, starts
+from ..model.routes import segments
 from ..model.strength import bar_utilisation, buckling_load, string_utilisation
 
 KINK = 1e-9  # m: a string is at an end of its piece
@@ -99,6 +100,8 @@ def linearize(model: Model, state: State, side: str | None = None) -> Linear:
     statics.require_small(model, "linearising it")
     if model.joint:
         raise InputError(f"{model.name}: {model.joint}, which linearising does not know yet; ask for its modes instead")
+    if model.ground is not None:
+        raise InputError(f"{model.name}: it stands on the ground, which linearising does not know yet; leave [ground] out")
     if side is not None and side not in SIDES:
         raise InputError(f"side = {side!r} is not known; use {' or '.join(SIDES)}")
     return _System(replace(model, nodes=state.nodes), state, _Strings(model, state, side)).linear()
@@ -107,7 +110,7 @@ def linearize(model: Model, state: State, side: str | None = None) -> Linear:
 class _Strings:
     """Tensions and their derivatives at a state.
 
-    incidence: (S, N), -1 and 1 at the ends; length (m), tension and elastic (N): (S,); k (N/m), d (N s/m): (S,), derivatives of
+    length (m), tension and elastic (N): (S,); k (N/m), d (N s/m): (S,), derivatives of
     the tension by elongation and rate; k_elastic: (S,) N/m, of the elastic tension; growth (S, n): of the lengths by the nodes'
     coordinates; growth_rate (S, n), 1/s: of their rates; turning (n, n), N/m: of the forces, at constant tensions.
     branch: name -> what a string is on.
@@ -116,28 +119,37 @@ class _Strings:
     def __init__(self, model: Model, state: State, side: str | None):
         axes, count, n = list(model.axes), len(model.strings), len(model.nodes)
         x, v = state.nodes[:, axes], state.velocity[:, axes]
-        self.incidence = np.zeros((count, n))
-        self.incidence[np.arange(count), model.strings[:, 0]] = -1.0
-        self.incidence[np.arange(count), model.strings[:, 1]] = 1.0
-        s, sdot = self.incidence @ x, self.incidence @ v
-        self.length = np.linalg.norm(s, axis=1)
-        over = 1.0 / np.maximum(self.length, 1e-300)
+        string, ends = segments(model.paths)
+        each = np.arange(len(ends))
+        incidence, whole = np.zeros((len(ends), n)), np.zeros((count, len(ends)))  # whole: a string is its segments
+        incidence[each, ends[:, 0]], incidence[each, ends[:, 1]], whole[string, each] = -1.0, 1.0, 1.0
+        s, sdot = incidence @ x, incidence @ v
+        lengths = np.linalg.norm(s, axis=1)
+        over = 1.0 / np.maximum(lengths, 1e-300)
         u = s * over[:, None]
-        rate = (u * sdot).sum(1) - _on_drums(model, state)
+        self.length = whole @ lengths
+        rate = whole @ (u * sdot).sum(1) - _on_drums(model, state)
         self._laws(model, self.length - state.inputs["rest_length"], rate, side)
         across = np.eye(len(axes)) - u[:, :, None] * u[:, None]
         turned = np.einsum("sd,sde->se", sdot, across) * over[:, None]
         self.growth, self.growth_rate = (
-            np.einsum("sn,sd->snd", self.incidence, a).reshape(count, n * len(axes)) for a in (u, turned)
+            whole @ np.einsum("sn,sd->snd", incidence, a).reshape(len(ends), n * len(axes)) for a in (u, turned)
         )
-        blocks = across * (self.tension * over)[:, None, None]
-        self.turning = np.einsum("sn,sde,sm->ndme", self.incidence, blocks, self.incidence).reshape((n * len(axes),) * 2)
+        blocks = across * (self.tension[string] * over)[:, None, None]
+        self.turning = np.einsum("sn,sde,sm->ndme", incidence, blocks, incidence).reshape((n * len(axes),) * 2)
 
     def _laws(self, model: Model, elongation: np.ndarray, rate: np.ndarray, side: str | None) -> None:
         self.elastic, self.tension, self.k, self.d = np.zeros((4, len(elongation)))
         self.branch: dict[str, str] = {}
         for j, (x, by) in enumerate(zip(elongation.tolist(), rate.tolist())):
-            name, d, law = model.string_names[j], model.damping.item(j), string_law(model, j).follow(max(x, 0.0))
+            name, d = model.string_names[j], model.damping.item(j)
+            damper = model.damper[j]
+            slope, force = (d, d * by) if damper is None else (damping(damper).slope(by), damping(damper).force(by))
+            if model.two_way[j]:  # k (xi - xi0) at any length
+                self.k[j], self.d[j], self.elastic[j] = model.stiffness[j], slope, model.stiffness[j] * x
+                self.tension[j], self.branch[name] = self.elastic[j] + force, "taut"
+                continue
+            law = string_law(model, j).follow(max(x, 0.0))
             sides = [(law.stiffness(at), d) if at > 0.0 else (0.0, 0.0) for at in (x - 2.0 * KINK, x + 2.0 * KINK)]
             ends = (0.0, *law.breakpoints, *(getattr(law, end, 0.0) for end in ("lower", "upper")))  # the latter with memory
             kinked = min(abs(x - end) for end in ends) <= 2.0 * KINK and any(
@@ -152,14 +164,12 @@ class _Strings:
             if at <= 0.0:
                 self.branch[name] = "slack"
                 continue
-            damper = model.damper[j]
-            slope, force = (d, d * by) if damper is None else (damping(damper).slope(by), damping(damper).force(by))
             self.elastic[j], self.tension[j] = law.force(max(x, 0.0)), law.force(max(x, 0.0)) + force
             self.k[j], self.d[j] = law.stiffness(at), slope
             self.branch[name] = _on(law, at)
         self.k_elastic = self.k.copy()
         if model.damping_law == "tension_only":
-            pulls = self.tension >= 0.0
+            pulls = (self.tension >= 0.0) | model.two_way
             for j in np.flatnonzero(~pulls).tolist():
                 self.branch[model.string_names[j]] += ", clipped: its damper would push"
             self.tension, self.k, self.d = self.tension * pulls, self.k * pulls, self.d * pulls
@@ -293,7 +303,7 @@ class _System:
         mass = np.zeros((len(model.nodes),) * 2)
         for (i, j), m in zip(model.bars, model.bar_mass):
             mass[np.ix_((i, j), (i, j))] += m / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-        for node, m in model.point_mass:
+        for node, m in model.payload.items():
             mass[node, node] += m
         self.mass = np.kron(mass, np.eye(D))
         drag = np.zeros(len(model.nodes))

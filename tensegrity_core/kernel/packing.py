@@ -104,13 +104,6 @@ class _Programs:
 
 def unknown(model: Model) -> tuple[str, str] | None:
     """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
-    plain = "let strings join two nodes, without mass, and pull only"
-    for string, _ in model.routes:
-        return f"string {model.string_names[string]} runs over more than two nodes", plain
-    for string in model.massive_strings:
-        return f"string {model.string_names[string]} has mass", plain
-    for string in np.flatnonzero(model.two_way):
-        return f"string {model.string_names[string]} is a spring that also pushes (two_way)", plain
     if model.ground is not None:
         return "it stands on the ground", "leave [ground] out"
     return (model.joint, "let every bar have its own nodes") if model.joint else None
@@ -135,15 +128,20 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     laws = [SERIES_LAWS.index(nsh.law) if nsh is not None else 0 for nsh in model.nsh]
     programs = _Programs()
     places = [n for law in (*model.element, *model.damper) for n in programs.place(law)]
-    sizes = [len(programs.ints), len(programs.doubles)]
+    routes = [n for string, nodes in model.routes for n in (string, len(nodes), *nodes)]
+    heavy = {string: place for place, string in enumerate(model.massive_strings)}
+    shares = [(heavy[string], node, share) for string, node, share in model.string_mass_shares]
+    two_way = np.flatnonzero(model.two_way)
+    sizes = [len(programs.ints), len(programs.doubles), len(model.routes), len(routes), len(shares), len(two_way)]
     header = [*counts, DAMPING_LAWS.index(model.damping_law), METHODS.index(method), z_axis, *sizes]
     ints = [*header, *model.fixed.astype(int), *model.bars.ravel(), *model.strings.ravel(), *beams, *laws, *places]
     ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
-    ints += [*(bar for bar, _ in model.sections), *(string for string, _ in model.strength)]
-    ints += programs.ints
+    ints += [*(bar for bar, _ in model.sections), *(string for string, _ in model.strength), *heavy]
+    ints += [*programs.ints, *routes, *(n for place, node, _ in shares for n in (place, node)), *two_way]
     ints += [0] * (len(ints) % 2)
     start = _parameters(model, tolerance, max_step)
     doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]
     doubles += [start[field.name] for field in FIELDS if field.role != "output"]
+    doubles.append(np.array([share for _, _, share in shares]))
     body = MAGIC + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
     return body + fnv1a(body).to_bytes(8, "little")

@@ -16,8 +16,9 @@ from ..model.model import NSH, Actuator, Model
 from ..model.strength import Section
 from .packing import MAGIC, SERIES_LAWS, fnv1a
 
-#: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs.
-_HEADER = len(COUNTS) + 5
+#: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs, of routes, of shares and of
+#: strings that push.
+_HEADER = len(COUNTS) + 9
 
 
 def counts_of(packed: bytes) -> dict[str, int]:
@@ -50,16 +51,22 @@ def from_bytes(
     fixed, ends, held = ints.take(N).astype(bool), ints.take(2 * B).reshape(-1, 2), ints.take(2 * S).reshape(-1, 2)
     beams, laws = ints.take(S).tolist(), ints.take(S).tolist()
     elements, dampers = ints.take(2 * S).reshape(-1, 2).tolist(), ints.take(2 * S).reshape(-1, 2).tolist()
-    massive, slowed, moving, wound, columns, ropes = (ints.take(counts[letter]).tolist() for letter in "PREACT")
-    program = ints.take(head[-2]).tolist()
+    massive, slowed, moving, wound, columns, ropes, heavy = (ints.take(counts[letter]).tolist() for letter in "PREACTM")
+    sizes = dict(zip(("ints", "doubles", "routes", "route_ints", "shares", "two_way"), head[-6:]))
+    program = ints.take(sizes["ints"]).tolist()
+    routes = _routes(ints.take(sizes["route_ints"]).tolist())
+    sharing, pushing = ints.take(2 * sizes["shares"]).reshape(-1, 2), ints.take(sizes["two_way"])
     ints.at += -(ints.at - 8) % 8
     doubles = np.frombuffer(packed, "<f8", (len(packed) - 8 - ints.at) // 8, ints.at)
     parts = iter(doubles.tolist())
     coordinates, velocity = (np.zeros((N, 3)) for _ in range(2))
     for array in (coordinates, velocity):
         array[:, list(axes)] = _take(parts, N * D).reshape(N, D)
-    numbers = _take(parts, head[-1]).tolist()
+    numbers = _take(parts, sizes["doubles"]).tolist()
     start = {field.name: _take(parts, size(field, counts)) for field in FIELDS if field.role != "output"}
+    shares = [(heavy[n], node, share) for (n, node), share in zip(sharing.tolist(), _take(parts, sizes["shares"]).tolist())]
+    string_mass, two_way = np.zeros(S), np.isin(np.arange(S), pushing)
+    string_mass[heavy] = start["string_mass"]
     springs = {"Q": iter(start["nsh_Q"].tolist()), "zeta": iter(start["nsh_zeta"].tolist()), "h": iter(start["nsh_h"].tolist())}
     nsh = [
         NSH(**{key: tuple(islice(values, count)) for key, values in springs.items()}, law=SERIES_LAWS[law]) if count else None
@@ -70,7 +77,7 @@ def from_bytes(
     gravity = start["gravity"].tolist()
     vector = np.zeros(3)
     vector[list(axes)] = gravity if len(gravity) > 1 else 0.0
-    return Model(
+    found = Model(
         name=name,
         description=description,
         axes=tuple(axes),
@@ -100,7 +107,21 @@ def from_bytes(
         moving=tuple(moving),
         sections=tuple((bar, Section(bending)) for bar, bending in zip(columns, start["bending_stiffness"].tolist())),
         strength=tuple(zip(ropes, start["strength"].tolist())),
+        routes=routes,
+        string_mass=string_mass,
+        two_way=two_way,
     )
+    vars(found)["string_mass_shares"] = tuple(shares)  # by the scene's coordinates, which are not packed
+    return found
+
+
+def _routes(ints: list[int]) -> tuple[tuple[int, tuple[int, ...]], ...]:
+    """(string, its nodes) of each routed string."""
+    found, numbers = [], iter(ints)
+    for string in numbers:
+        count = next(numbers)
+        found.append((string, tuple(islice(numbers, count))))
+    return tuple(found)
 
 
 class _Ints:

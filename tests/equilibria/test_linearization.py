@@ -25,6 +25,7 @@ from tests.kernel.test_random_scenes import random_model
 from tests.support import changed, push, scene
 from tests.support.driven_scenes import LABORATORY, MAST, PENDULUM, built
 from tests.support.element_scenes import STRINGS, mast
+from tests.support.rigged_scenes import RIGGED
 
 
 def about_rest(model, force=None, side=None) -> StateSpace:
@@ -150,9 +151,9 @@ def place(found, part):
     return next((i for i, quantity in enumerate(found.inputs) if f".{part}." in quantity.name), len(found.inputs))
 
 
-def laboratory(seed):
-    """The laboratory with random velocities and inputs; its motors stand."""
-    rng, model = np.random.default_rng(seed), statics.settle(built(LABORATORY), steps=1)
+def in_motion(model, seed):
+    """A model with random velocities and inputs; its motors stand."""
+    rng = np.random.default_rng(seed)
     state = linearization.at_rest(model, 2.0 * rng.standard_normal(model.nodes.shape) * ~model.fixed[:, None])
     inputs, wound = dict(state.inputs), list(model.actuated)
     inputs["rest_length"] = inputs["rest_length"] - 0.003 * rng.uniform(0.1, 1.0, len(model.strings))
@@ -172,7 +173,7 @@ def of_the_kernel(model, chart, x, v, inputs):
     """Second derivatives of the coordinates, and outputs, of the kernel at a state, its motors standing."""
     nodes, velocity, axes, free = model.nodes.copy(), np.zeros_like(model.nodes), chart.axes, model.free_nodes
     nodes[:, axes], velocity[:, axes] = x, v
-    model = changed(model, nodes=nodes, nominal=nodes, velocity=velocity, rest_length=inputs["rest_length"])
+    model = changed(model, nodes=nodes, velocity=velocity, rest_length=inputs["rest_length"])
     kernel = Kernel(model)
     for name, field in INPUTS.items():
         kernel[name][:] = flattened(field, model, np.asarray(inputs[name], dtype=float)[None])[0]
@@ -187,7 +188,14 @@ def of_the_kernel(model, chart, x, v, inputs):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_kernels_differences_about_a_moving_state(seed):
     """Payloads, drag, moved nodes, actuators, slanting gravity, a free bar, everything in motion: all columns of A, B, C, D."""
-    require_the_kernels_differences(*laboratory(seed))
+    require_the_kernels_differences(*in_motion(statics.settle(built(LABORATORY), steps=1), seed))
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+def test_the_kernels_differences_of_routed_strings(law):
+    """And of strings with mass, and of springs that also push."""
+    model, state, w = in_motion(built(RIGGED, damping_law=law), 3)
+    require_the_kernels_differences(model, state, w)
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -19,9 +19,10 @@ from tests.support import push, scene
 from tests.support.derivative_states import Bench
 from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, RATED, built
 from tests.support.element_scenes import STRINGS, mast
+from tests.support.rigged_scenes import RIGGED
 from tests.support.words import words
 
-DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT, "rated": RATED}
+DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT, "rated": RATED, "rigged": RIGGED}
 SEEN = 1e-7  # of what differences say
 
 
@@ -168,7 +169,7 @@ def test_accelerations_have_the_jacobian_of_implicit_methods():
     assert np.abs(J[:, bench.half : bench.half + plain] - Jv[:plain, :plain]).max() <= 1e-12 * np.abs(Jv).max()
 
 
-@pytest.mark.parametrize("name", [*builtin_scenes(), "laboratory"])
+@pytest.mark.parametrize("name", [*builtin_scenes(), "laboratory", "rigged"])
 def test_outputs_by_inputs_are_those_of_the_linearisation(name):
     """`tc.linearize` differentiates the projected equations in NumPy, in minimal coordinates and by the exact laws."""
     model = model_of(name, "literal")

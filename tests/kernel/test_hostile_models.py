@@ -14,16 +14,17 @@ import numpy as np
 import pytest
 
 from tensegrity_core.errors import TensegrityError
-from tensegrity_core.fields import COUNTS
 from tensegrity_core.kernel import Kernel, to_bytes
+from tensegrity_core.kernel.unpacking import _HEADER
 from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, RATED, built
 from tests.support.element_scenes import mast
+from tests.support.rigged_scenes import RIGGED
 from tests.support.words import words
 
 WHOLE = (-(2**31), -(10**6), -2, -1, 0, 1, 2, 3, 7, 100, 65536, 10**6, 10**6 + 1, 2**30, 2**31 - 1)
 REAL = (np.nan, np.inf, -np.inf, 0.0, -0.0, -1.0, 1.0, 5e-324, 1e-300, 1e-12, 1e-3, 1e3, 1e12, 1e150, 1e300, 1.7e308, -1e300)
-HEAD = 4 * (len(COUNTS) + 5)
+HEAD = 4 * _HEADER
 
 
 def checked(body: bytes) -> bytes:
@@ -35,7 +36,7 @@ def checked(body: bytes) -> bytes:
 
 
 def packed() -> list[bytes]:
-    models = [scene("two_bar"), scene("three_bar_nsh"), built(LABORATORY), built(RATED)]
+    models = [scene("two_bar"), scene("three_bar_nsh"), built(LABORATORY), built(RATED), built(RIGGED)]
     models += [mast(name) for name in ("memory", "cells", "nested", "smooth", "valve", "hardening")]
     return [to_bytes(model) for model in models]
 

@@ -11,8 +11,9 @@ from tensegrity_core.kernel.unpacking import from_bytes
 from tensegrity_core.scene import builtin_scenes
 from tests.support import element_scenes, scene
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, RATED, built
+from tests.support.rigged_scenes import RIGGED
 
-SCENES = {"pendulum": PENDULUM, "afloat": AFLOAT, "mast": MAST, "laboratory": LABORATORY, "rated": RATED}
+SCENES = {"pendulum": PENDULUM, "afloat": AFLOAT, "mast": MAST, "laboratory": LABORATORY, "rated": RATED, "rigged": RIGGED}
 
 
 def again(model):

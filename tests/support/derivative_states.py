@@ -60,7 +60,8 @@ class Bench:
         lengths, ends = kernel["string_length"].copy(), [kernel.breakpoints(s) for s in range(len(self.model.strings))]
         places = [(trial + s) % (len(e) + 1) for s, e in enumerate(ends)]
         for s, (e, p) in enumerate(zip(ends, places)):
-            low, high = e[p - 1] if p else e[0] - 0.02, e[p] if p < len(e) else e[-1] + 0.02
+            first, last = (e[0], e[-1]) if len(e) else (0.0, 0.0)  # a string that also pushes has one piece
+            low, high = e[p - 1] if p else first - 0.02, e[p] if p < len(e) else last + 0.02
             at = random.uniform(low + 0.2 * (high - low), high - 0.2 * (high - low))
             kernel["rest_length"][s] = max(lengths[s] - at, 0.01)
         view.enter_event()

@@ -103,8 +103,9 @@ int ts_curve_pieces(const ts_sim *sim, int32_t string, ts_curve_piece_info *out,
     const ts_curve *c = sim->laws.curve + string;
     for (int i = 0; i < c->pieces && i < capacity; i++) {
         const ts_piece *p = c->piece + i;
+        const double lo = sim->m.string.two_way[string] ? -INFINITY : p->lo;
         out[i] =
-            MAKE(ts_curve_piece_info){p->lo, p->hi, p->loss_up, p->loss_down, p->up, p->down, p->snapped, p->kind == TS_SLACK};
+            MAKE(ts_curve_piece_info){lo, p->hi, p->loss_up, p->loss_down, p->up, p->down, p->snapped, p->kind == TS_SLACK};
     }
     return c->pieces;
 }

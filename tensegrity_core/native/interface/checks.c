@@ -40,14 +40,29 @@ static int wrong_beam(const ts_sim *sim)
     return -1;
 }
 
-/* A node on no bar has no other mass.  The first point mass that is 0 on such a node, or -1. */
+/* Mass of a node beside its bar's (kg). */
+static double mass_at(const ts_sim *sim, int node)
+{
+    const ts_model *m = &sim->m;
+    const ts_packed *p = &m->packed;
+    const double *point = sim->io.values + m->at[TS_POINT_MASS], *string = sim->io.values + m->at[TS_STRING_MASS];
+    double sum = 0.0;
+    for (int i = 0; i < p->shares; i++)
+        if (p->sharing[2 * i + 1] == node) sum += p->share[i] * string[p->sharing[2 * i]];
+    for (int i = 0; i < m->count[TS_P]; i++)
+        if (p->massed[i] == node) sum += point[i];
+    return sum;
+}
+
+/* A node on no bar has no other mass than this.  The first parameter that leaves such a node without, or -1. */
 static int wrong_mass(const ts_sim *sim)
 {
     const ts_model *m = &sim->m;
-    for (int i = 0; m->node.lone_count && i < m->count[TS_P]; i++) {
-        int block = m->node.block[m->packed.massed[i]];
-        if (block >= 0 && m->block.bar[block] < 0 && !(sim->io.values[m->at[TS_POINT_MASS] + i] > 0.0))
-            return m->at[TS_POINT_MASS] + i;
+    for (int i = 0; m->node.lone_count && i < m->count[TS_P] + m->packed.shares; i++) {
+        const int share = i - m->count[TS_P], node = share < 0 ? m->packed.massed[i] : m->packed.sharing[2 * share + 1];
+        const int from = share < 0 ? m->at[TS_POINT_MASS] + i : m->at[TS_STRING_MASS] + m->packed.sharing[2 * share];
+        if (m->node.block[node] < 0 || m->block.bar[m->node.block[node]] >= 0) continue;
+        if (!(sim->io.values[from] > 0.0) && !(mass_at(sim, node) > 0.0)) return from;
     }
     return -1;
 }

@@ -81,7 +81,7 @@ static double typical_speed(const ts_model *m, double mass, double length)
     const double *k = m->packed.start + m->at[TS_STIFFNESS];
     for (int i = 0; i < m->count[TS_S]; i++) stiffest = fmax(stiffest, k[i]);
     if (!(stiffest > 0.0)) return fall;
-    return fmin(fall, fmax(0.01 * fall, EARTH * sqrt(mass / (m->count[TS_B] + m->count[TS_P]) / stiffest)));
+    return fmin(fall, fmax(0.01 * fall, EARTH * sqrt(mass / (m->count[TS_B] + m->node.massed_count) / stiffest)));
 }
 
 /* The extent, a speed, and the weight of all masses on Earth times the extent.  Hosts take them for the scale of errors: what an
@@ -94,6 +94,7 @@ void ts_continuous_nominals(const ts_sim *sim, double *x)
     double mass = 0.0;
     for (int i = m->at[TS_BAR_MASS]; i < m->at[TS_BAR_MASS] + m->count[TS_B]; i++) mass += m->packed.start[i];
     for (int i = m->at[TS_POINT_MASS]; i < m->at[TS_POINT_MASS] + m->count[TS_P]; i++) mass += m->packed.start[i];
+    for (int i = m->at[TS_STRING_MASS]; i < m->at[TS_STRING_MASS] + m->count[TS_M]; i++) mass += m->packed.start[i];
     const double speed = typical_speed(m, mass, length);
     for (int i = 0; i < 2 * half; i++) x[i] = i < half ? length : speed;
     for (int i = 0; i < BOOKED; i++) x[2 * half + i] = mass * EARTH * length;

@@ -76,6 +76,7 @@ static const int32_t with_rows[] = {
     TS_DRAG,
     TS_BAR_MASS,
     TS_POINT_MASS,
+    TS_STRING_MASS,
     TS_MOTOR_INERTIA,
     TS_MOTOR_DAMPING,
     TS_TORQUE_CONSTANT,

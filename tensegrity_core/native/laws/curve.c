@@ -247,6 +247,18 @@ const char *ts_curve_plain(ts_curve *c)
     return NULL;
 }
 
+/* A spring that also pushes: the same straight piece, which begins nowhere; lo is where its force is 0. */
+const char *ts_curve_two_way(ts_curve *c)
+{
+    memset(c, 0, sizeof *c);
+    c->piece = (ts_piece *)calloc(1, sizeof *c->piece);
+    if (!c->piece) return "out of memory";
+    c->piece[0] = ts_piece_of(TS_STRAIGHT, 0.0, INFINITY, 0);
+    c->pieces = 1;
+    ts_curve_chain(c);
+    return NULL;
+}
+
 /* Piece that holds the elongation x: of a chain; where there is memory, that of a first loading. */
 int ts_curve_piece(const ts_curve *c, double x)
 {

@@ -14,6 +14,7 @@ double ts_row_width(const ts_piece *p, int row, double *begin);
 double *ts_rows_behind(double **table, int32_t rows, int32_t more);
 void ts_curve_chain(ts_curve *c);
 const char *ts_curve_plain(ts_curve *c);
+const char *ts_curve_two_way(ts_curve *c);
 double ts_curve_force(const ts_curve *c, int piece, double x, double k, double *stiffness);
 double ts_curve_energy(const ts_curve *c, int piece, double x, double k);
 void ts_curve_free(ts_curve *c);

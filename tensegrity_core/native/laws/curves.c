@@ -40,7 +40,7 @@ static int same_curve(const ts_model *m, const double *key, int i, int j)
     const double *stiffness = key + 3 * m->count[TS_Z], *one = key + m->string.beam_first[i],
                  *other = key + m->string.beam_first[j];
     if (p->beams[j] != p->beams[i] || p->beam_law[i] != p->beam_law[j] || stiffness[i] != stiffness[j]) return 0;
-    if (p->element[2 * i] != p->element[2 * j]) return 0;
+    if (p->element[2 * i] != p->element[2 * j] || m->string.two_way[i] != m->string.two_way[j]) return 0;
     for (int f = 0; f < 3; f++) /* Q, zeta, h */
         if (memcmp(one + f * m->count[TS_Z], other + f * m->count[TS_Z], sizeof(double) * (size_t)p->beams[i])) return 0;
     return 1;
@@ -96,7 +96,7 @@ static const char *build(ts_curve *c, const ts_model *m, const double *values, i
 {
     const int32_t *place = m->packed.element + 2 * i;
     if (m->packed.beams[i]) return curve_of_beams(c, m, values, i);
-    if (place[0] < 0) return ts_curve_plain(c);
+    if (place[0] < 0) return m->string.two_way[i] ? ts_curve_two_way(c) : ts_curve_plain(c);
     if (!ts_law_has_memory(m, place[0])) return curve_of_program(c, m, place);
     ts_law *part = NULL;
     int n = 0;

@@ -20,17 +20,32 @@
 /* Is a string so stiff that the step spans more than this many radians of its oscillation between its ends? */
 #define RESOLVED 3.0
 
+/* Inverse of the mass that a string moves along itself, at most (1/kg): each block by what all lines of the string turn it. */
+static double inverse_mass(const ts_sim *sim, int i)
+{
+    const ts_lines *lines = &sim->m.string;
+    const ts_term *t = lines->term + 4 * i;
+    double inverse = 0.0;
+    for (int k = 0; k < lines->term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inertia.inverse[t[k].block];
+    if (lines->term_count[i] || lines->routed[i] < 0) return inverse;
+    const ts_route *route = lines->route + lines->routed[i];
+    for (int b = 0; b < route->blocks; b++) {
+        double all = 0.0;
+        for (int k = 4 * route->first; k < 4 * (route->first + route->count); k++)
+            if (k % 4 < lines->term_count[k / 4] && lines->term_block[k] == b) all += fabs(lines->term[k].kappa);
+        inverse += all * all * sim->inertia.inverse[route->block[b]];
+    }
+    return inverse;
+}
+
 static int too_stiff(const ts_sim *sim, double h)
 {
     const ts_model *m = &sim->m;
     double limit = RESOLVED * RESOLVED / (h * h);
     for (int i = 0; i < m->count[TS_S]; i++) {
-        const ts_term *t = m->string.term + 4 * i;
-        double inverse = 0.0;
         if (sim->laws.curve[i].piece[sim->state.piece[i]].kind > TS_STRAIGHT)
             continue; /* k acts where the law has come to its end */
-        for (int k = 0; k < m->string.term_count[i]; k++) inverse += t[k].kappa * t[k].kappa * sim->inertia.inverse[t[k].block];
-        if (sim->io.values[m->at[TS_STIFFNESS] + i] * inverse > limit) return 1;
+        if (sim->io.values[m->at[TS_STIFFNESS] + i] * inverse_mass(sim, i) > limit) return 1;
     }
     return 0;
 }

@@ -127,18 +127,20 @@ typedef struct {
     double *now;   /* (E, 3, D) position, velocity, acceleration, m, m/s, m/s2 */
 } ts_bases;
 
+enum { TS_TAUT = 1, TS_PUSHES = 2 }; /* a string that also pushes is never clipped */
+
 /* What strings bear on the pieces that they are on: ts_place(), ts_bear(). */
 typedef struct {
     double *lo, *hi; /* (S) ends of the piece, m */
     double *guard;   /* (S) elongation beyond an end that counts as crossed, m */
     double *k, *d;   /* (lanes) N/m, N s/m; k: of straight force curves */
-    int32_t *taut;   /* (S) the piece is none of the slack ones */
+    int32_t *taut;   /* (S) not 0: the piece is none of the slack ones */
 } ts_bearing;
 
 /* What the last right-hand side, or ts_forces(), found about the strings. */
 typedef struct {
     double *x;                        /* (N, 2, D) node positions and velocities, m, m/s */
-    double *s, *sd;                   /* (D, lanes) string vectors and, behind them, their rates, m, m/s */
+    double *s, *sd;                   /* (D, lanes) vectors of the lines and, behind them, their rates, m, m/s */
     double *per_length;               /* (lanes) 1/length, 1/m */
     double *elongation, *rate;        /* (lanes) m, and its rate, m/s */
     double *fs, *fd;                  /* (lanes) elastic and damping tension, N */
@@ -146,6 +148,7 @@ typedef struct {
     double *lowest, *highest;         /* (lanes) extremes of the elongation since the attempt began, m */
     int32_t *sign_changed;            /* (S) tension_only: a stage saw the tension with the other sign */
     double *margin_low, *margin_high; /* (S) tension_only: extremes of the tension at the stages, minus it where clipped, N */
+    double *route_extremes;           /* (routes, 2) lowest, highest of routed strings, while lines are worked out */
     int64_t evaluations;              /* how often all this has been written, node forces also by outputs */
 } ts_strings;
 
@@ -182,6 +185,7 @@ typedef struct {
     double *factor;         /* of a^2 I - a Jv - Jq */
     double *pair_factor[2]; /* of the same with the two complex values of a that Radau IIA needs */
     double *work;           /* (6 nq) */
+    double *slopes;         /* (2, blocks, D) of a routed string's length by the blocks it hangs on, and of its rate */
     int32_t ready;          /* the Jacobian at hand is that of the step's start */
 } ts_linear;
 

@@ -35,12 +35,18 @@ typedef struct {
     const int32_t *massed, *dragged;       /* (P), (R) nodes with a point mass, with drag */
     const int32_t *moved, *wound;          /* (E) nodes that are moved, (A) strings with an actuator */
     const int32_t *braced, *rated;         /* (C) bars with a section, (T) strings with a strength */
+    const int32_t *heavy;                  /* (M) strings with mass */
+    const int32_t *route;                  /* (route_ints) per routed string: itself, how many nodes, the nodes in order */
+    const int32_t *sharing;                /* (shares, 2) of a string's mass: its number among the M, node */
+    const int32_t *two_way;                /* (two_way_count) strings that also push */
     const int32_t *program;                /* (program_ints) force laws, see kernel/packing.py */
     const double *program_values;          /* (program_doubles) */
     const double *node, *velocity;         /* (N, D) positions, m, and velocities, m/s, at the start */
     const double *start;                   /* (n_applied) defaults of inputs and parameters */
+    const double *share;                   /* (shares) parts of the strings' masses */
     int32_t program_ints, program_doubles; /* sizes */
-    int32_t method;                        /* TS_METHOD_... */
+    int32_t routes, route_ints, shares, two_way_count;
+    int32_t method; /* TS_METHOD_... */
     uint64_t hash;
 } ts_packed;
 
@@ -71,18 +77,39 @@ typedef struct {
     double *coef;        /* (N) 1: tip; -lower, upper: ends of a free bar */
     double *anchor;      /* (N, D) what the node's position adds to, m */
     int32_t *lone;       /* (lone_count) free nodes on no bar: point masses; `block` has theirs, which are their positions */
-    int32_t lone_count;
+    int32_t *massed;     /* (massed_count) nodes with a mass beside their bar's: point masses, then shares of strings' masses */
+    int32_t lone_count, massed_count;
 } ts_nodes;
 
-/* Strings: lay_out_strings(), lay_out_matrices(). */
+/* A string over more than two nodes. */
 typedef struct {
-    int32_t *ends;       /* (lanes, 2) first numbers of a string's nodes in arrays (N, 2, D) */
-    double *s0;          /* (S, D) constant part of the string vector, m */
-    int32_t *term_count; /* (S) */
-    ts_term *term;       /* (S, 4) */
-    int32_t *term_place; /* (S, 4, 4) first entry of the Jacobian's block for each pair of terms */
-    int32_t *beam_first; /* (S) first of the string's beams among the Z */
-    int32_t *curved;     /* (S) 1: its force curve is not that of a spring of its stiffness */
+    int32_t string;
+    int32_t first, count; /* the lines that are its segments, in order */
+    int32_t *block;       /* (blocks) those that it hangs on, each once */
+    int32_t *place;       /* (blocks, blocks) first entry of the Jacobian's block for each pair of them */
+    int32_t blocks;
+} ts_route;
+
+/* Strings, and behind them as lines of their own the segments of those that run over more than two nodes, which themselves have
+ * neither ends nor terms then: lay_out_strings(), ts_lay_out_routes(), lay_out_matrices(). */
+typedef struct {
+    int32_t count;       /* lines: strings and segments */
+    int32_t *node;       /* (count, 2) nodes at a line's ends */
+    int32_t *ends;       /* (lanes, 2) their first numbers in arrays (N, 2, D); both the same where a line has no ends */
+    double *s0;          /* (count, D) constant part of the line's vector, m */
+    int32_t *term_count; /* (count) */
+    ts_term *term;       /* (count, 4) */
+    int32_t *term_place; /* (count, 4, 4) first entry of the Jacobian's block for each pair of terms */
+    int32_t *term_block; /* (count, 4) of segments: place of a term's block among its route's */
+    int32_t *routed;     /* (S) the string's route, -1: it runs straight from node to node */
+    ts_route *route;     /* (route_count) */
+    int32_t route_count;
+    int32_t otherwise;                    /* there is a routed string, or one that pushes */
+    int32_t most_blocks;                  /* that a route hangs on */
+    int32_t *route_blocks, *route_places; /* of all routes */
+    int32_t *two_way;                     /* (S) 1: a spring that also pushes */
+    int32_t *beam_first;                  /* (S) first of the string's beams among the Z */
+    int32_t *curved;                      /* (S) 1: its force curve is not that of a spring of its stiffness */
     int32_t *with_curve,
         *with_damper; /* (curved_count), (damped_count) strings that are curved, that have a damping law beside d */
     int32_t curved_count, damped_count;
@@ -93,7 +120,7 @@ typedef struct {
     int32_t *mover;     /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
     int32_t *mover_bar; /* (E) bar that is pinned there, -1: none */
     int32_t *winder;    /* (S) actuator that winds the string, or -1 */
-    int32_t any;        /* there is a point mass, drag, a moved node or an actuator, see drives.c */
+    int32_t any;        /* there is a point mass, drag, a moved node, an actuator or a routed string, see drives.c, routes.c */
 } ts_drives;
 
 typedef struct {
@@ -104,7 +131,7 @@ typedef struct {
     int32_t at[TS_FIELD_COUNT];  /* first index of each field in the block of doubles */
     int32_t int_at[TS_INT_FIELD_COUNT];
     int32_t blocks, nq, ny; /* blocks; nq = blocks * D; ny = 2 nq + TS_LEDGER */
-    int32_t lanes, stride;  /* strings and ny, padded to a multiple of TS_LANES */
+    int32_t lanes, stride;  /* lines and ny, padded to a multiple of TS_LANES */
     /* options */
     int32_t z_axis;      /* local axis that is z, or -1 */
     int32_t damping_law; /* TS_LITERAL, TS_TENSION_ONLY */

@@ -1,16 +1,19 @@
 /* Read a packed model, as written by to_bytes() in kernel/packing.py, and lay out the simulation's memory.
  *
  * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, sizes of the programs (int32,
- * doubles); fixed (N), bars (B, 2), strings (S, 2), beams (S), law of the beams (S), places of elements (S, 2) and dampers (S, 2)
- * in the programs, nodes with a point mass (P), with drag (R), moved nodes (E), strings with an actuator (A), bars with a section
- * (C), strings with a strength (T), programs, one 0 where the number of int32 is odd; doubles: nodes (N, D), velocities (N, D),
- * programs, start values of all inputs and parameters; uint64: FNV-1a hash of everything before it.  Programs: force laws as trees
- * in prefix order, see kernel/packing.py. */
+ * doubles), routed strings, their size (int32), shares, strings that push; fixed (N), bars (B, 2), strings (S, 2), beams (S), law
+ * of the beams (S), places of elements (S, 2) and dampers (S, 2) in the programs, nodes with a point mass (P), with drag (R), moved
+ * nodes (E), strings with an actuator (A), bars with a section (C), strings with a strength (T), with mass (M), programs, routed
+ * strings (of each itself, the number of its nodes, the nodes), shares in strings' masses (of each the number of its string among
+ * the M, the node), strings that push, one 0 where the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), programs,
+ * start values of all inputs and parameters, the shares; uint64: FNV-1a hash of everything before it.  Programs: force laws as
+ * trees in prefix order, see kernel/packing.py. */
 #include "model/packed.h"
 #include "invariants.h"
 #include "linear/pairs.h"
 #include "linear/pattern.h"
 #include "model/data.h"
+#include "model/routes.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -18,7 +21,7 @@
 #include <string.h>
 
 #define MAGIC "TSMODEL2"
-#define HEADER_INTS (TS_COUNTS + 5)
+#define HEADER_INTS (TS_COUNTS + 9)
 
 uint64_t ts_fnv(const void *bytes, size_t size)
 {
@@ -76,13 +79,18 @@ static void take(arena *a, size_t count, size_t size, void *pointer)
 static void take_model(ts_model *m, arena *a)
 {
     const int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], D = m->count[TS_D], blocks = m->blocks;
+    const int L = m->string.count;
     TAKE(m->bar.block, B), TAKE(m->bar.centre, B), TAKE(m->bar.base, B), TAKE(m->bar.length, B);
     TAKE(m->bar.pinned, m->bar.pinned_count), TAKE(m->bar.floating, m->bar.floating_count);
     TAKE(m->block.bar, blocks), TAKE(m->block.turns, blocks), TAKE(m->block.length, blocks), TAKE(m->block.own_place, blocks);
     TAKE(m->node.free_index, N), TAKE(m->node.block, N), TAKE(m->node.centre, N), TAKE(m->node.coef, N);
     TAKE(m->node.anchor, N * D), TAKE(m->node.lone, m->node.lone_count);
-    TAKE(m->string.ends, 2 * m->lanes), TAKE(m->string.s0, S * D), TAKE(m->string.term_count, S), TAKE(m->string.term, 4 * S);
-    TAKE(m->string.term_place, 16 * S), TAKE(m->string.beam_first, S), TAKE(m->string.curved, S);
+    TAKE(m->node.massed, m->count[TS_P] + m->packed.shares);
+    TAKE(m->string.node, 2 * L), TAKE(m->string.ends, 2 * m->lanes), TAKE(m->string.s0, L * D);
+    TAKE(m->string.term_count, L), TAKE(m->string.term, 4 * L), TAKE(m->string.term_place, 16 * L);
+    TAKE(m->string.term_block, L > S ? 4 * L : 0), TAKE(m->string.routed, S), TAKE(m->string.route, m->packed.routes);
+    TAKE(m->string.route_blocks, ts_route_blocks(m)), TAKE(m->string.route_places, ts_route_places(m));
+    TAKE(m->string.two_way, S), TAKE(m->string.beam_first, S), TAKE(m->string.curved, S);
     TAKE(m->string.with_curve, S), TAKE(m->string.with_damper, S);
     TAKE(m->drive.mover, N), TAKE(m->drive.mover_bar, m->count[TS_E]), TAKE(m->drive.winder, S), TAKE(m->y_start, m->stride);
 }
@@ -121,6 +129,7 @@ static void take_forces(ts_sim *sim, arena *a)
     TAKE(found->elongation, lanes), TAKE(found->rate, lanes), TAKE(found->fs, lanes), TAKE(found->fd, lanes);
     TAKE(found->node_force, N * D), TAKE(found->lowest, lanes), TAKE(found->highest, lanes);
     TAKE(found->sign_changed, S), TAKE(found->margin_low, S), TAKE(found->margin_high, S);
+    TAKE(found->route_extremes, 2 * m->packed.routes);
 }
 
 /* What a step works with. */
@@ -132,6 +141,7 @@ static void take_step(ts_sim *sim, arena *a)
     TAKE(sim->start.elongation, lanes), TAKE(sim->start.rate, lanes), TAKE(sim->start.f, stride);
     TAKE(sim->attempt.k, 16 * stride), TAKE(sim->attempt.y, stride), TAKE(sim->attempt.error, stride);
     TAKE(sim->linear.ft, m->nq), TAKE(sim->linear.work, 6 * m->nq);
+    TAKE(sim->linear.slopes, 2 * ts_route_blocks(m) * (size_t)m->count[TS_D]);
     TAKE(ahead->all, ahead->size), TAKE(ahead->backup, ahead->size);
 }
 
@@ -190,9 +200,11 @@ static const char *check(const ts_model *m)
         if (!m->packed.fixed[m->packed.moved[i]]) return "a moved node is not fixed";
     for (int i = 0; i < m->count[TS_A]; i++)
         if (m->packed.wound[i] < 0 || m->packed.wound[i] >= S) return "an actuator names an unknown string";
+    for (int i = 0; i < m->count[TS_M]; i++)
+        if (m->packed.heavy[i] < 0 || m->packed.heavy[i] >= S) return "a mass names an unknown string";
     if (fixed != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
     if (beams != m->count[TS_Z] || with != m->count[TS_H]) return "the beams do not add up";
-    return NULL;
+    return ts_check_routes(m);
 }
 
 /* Bars by kind, for loops without a question in them. */
@@ -211,9 +223,8 @@ static void list_bars(ts_model *m)
 static const char *lay_out_lone(ts_model *m, const double *nodes)
 {
     int D = m->count[TS_D], block = m->bar.pinned_count + 2 * m->bar.floating_count, found = 0;
-    for (int i = 0; i < m->count[TS_P]; i++)
-        if (m->node.block[m->packed.massed[i]] < 0 && !m->packed.fixed[m->packed.massed[i]])
-            m->node.coef[m->packed.massed[i]] = 1.0;
+    for (int i = 0; i < m->node.massed_count; i++)
+        if (m->node.block[m->node.massed[i]] < 0 && !m->packed.fixed[m->node.massed[i]]) m->node.coef[m->node.massed[i]] = 1.0;
     for (int n = 0; n < m->count[TS_N]; n++) {
         if (m->packed.fixed[n] || m->node.block[n] >= 0) continue;
         if (m->node.coef[n] != 1.0) return "a free node has neither a bar nor a point mass";
@@ -294,22 +305,22 @@ static const char *lay_out_drives(ts_model *m)
     }
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->packed.fixed[m->packed.dragged[r]]) return "a node with drag is fixed";
-    m->drive.any = m->count[TS_P] + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
+    m->drive.any = m->node.massed_count + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] + m->string.route_count > 0;
     return NULL;
 }
 
-static void add_node(ts_model *m, int string, int node, double sign)
+static void add_node(ts_model *m, int line, int node, double sign)
 {
     int D = m->count[TS_D];
-    ts_term *t = m->string.term + 4 * string + m->string.term_count[string];
-    for (int d = 0; d < D && m->drive.mover[node] < 0; d++) m->string.s0[string * D + d] += sign * m->node.anchor[node * D + d];
+    ts_term *t = m->string.term + 4 * line + m->string.term_count[line];
+    for (int d = 0; d < D && m->drive.mover[node] < 0; d++) m->string.s0[line * D + d] += sign * m->node.anchor[node * D + d];
     if (m->node.block[node] < 0) return;
     if (m->node.centre[node] >= 0) {
         *t++ = MAKE(ts_term){m->node.centre[node] * D, m->node.centre[node], sign};
-        m->string.term_count[string]++;
+        m->string.term_count[line]++;
     }
     *t = MAKE(ts_term){m->node.block[node] * D, m->node.block[node], sign * m->node.coef[node]};
-    m->string.term_count[string]++;
+    m->string.term_count[line]++;
 }
 
 static void lay_out_strings(ts_model *m)
@@ -319,12 +330,19 @@ static void lay_out_strings(ts_model *m)
         m->string.curved[i] = m->packed.beams[i] > 0 || m->packed.element[2 * i] >= 0;
         if (m->string.curved[i]) m->string.with_curve[m->string.curved_count++] = i;
         if (m->packed.damper[2 * i] >= 0) m->string.with_damper[m->string.damped_count++] = i;
-        for (int end = 0; end < 2; end++) m->string.ends[2 * i + end] = 2 * m->count[TS_D] * m->packed.strings[2 * i + end];
-        add_node(m, i, m->packed.strings[2 * i], -1.0);
-        add_node(m, i, m->packed.strings[2 * i + 1], 1.0);
+        for (int end = 0; end < 2; end++) m->string.node[2 * i + end] = m->packed.strings[2 * i + end];
         m->string.beam_first[i] = beam;
         beam += m->packed.beams[i];
     }
+    ts_lay_out_routes(m);
+    for (int i = 0; i < m->string.count; i++) {
+        const int32_t *node = m->string.node + 2 * i;
+        for (int end = 0; end < 2; end++) m->string.ends[2 * i + end] = 2 * m->count[TS_D] * node[end];
+        if (i < m->count[TS_S] && m->string.routed[i] >= 0) continue;
+        add_node(m, i, node[0], -1.0);
+        add_node(m, i, node[1], 1.0);
+    }
+    ts_list_route_blocks(m);
 }
 
 /* Start velocities of the blocks, from the nodes'. */
@@ -348,7 +366,8 @@ static size_t int_count(const ts_model *m)
     const int32_t *count = m->count;
     size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 8 * (size_t)count[TS_S];
     n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A];
-    n += (size_t)count[TS_C] + (size_t)count[TS_T] + (size_t)m->packed.program_ints;
+    n += (size_t)count[TS_C] + (size_t)count[TS_T] + (size_t)count[TS_M] + (size_t)m->packed.program_ints;
+    n += (size_t)m->packed.route_ints + 2 * (size_t)m->packed.shares + (size_t)m->packed.two_way_count;
     return n + n % 2;
 }
 
@@ -369,6 +388,12 @@ static const char *read_header(ts_model *m, const char *bytes, size_t size)
     m->z_axis = head[TS_COUNTS + 2];
     m->packed.program_ints = head[TS_COUNTS + 3];
     m->packed.program_doubles = head[TS_COUNTS + 4];
+    m->packed.routes = head[TS_COUNTS + 5];
+    m->packed.route_ints = head[TS_COUNTS + 6];
+    m->packed.shares = head[TS_COUNTS + 7];
+    m->packed.two_way_count = head[TS_COUNTS + 8];
+    for (int i = TS_COUNTS + 5; i < HEADER_INTS; i++)
+        if (head[i] < 0 || head[i] > 1000000) return "a count of routed strings or shares is out of range";
     if (m->packed.program_ints < 0 || m->packed.program_ints > 10000000 || m->packed.program_doubles < 0 ||
         m->packed.program_doubles > 10000000)
         return "a program's size is out of range";
@@ -380,7 +405,7 @@ static const char *read_header(ts_model *m, const char *bytes, size_t size)
     m->n_applied = m->at[TS_POSITION];
     m->n_inputs = m->at[TS_STIFFNESS];
     size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
-    doubles += (size_t)m->packed.program_doubles;
+    doubles += (size_t)m->packed.program_doubles + (size_t)m->packed.shares;
     if (size != 8 + 4 * int_count(m) + 8 * doubles + 8) return "the length is wrong";
     return NULL;
 }
@@ -411,7 +436,9 @@ static void count_blocks(ts_sim *sim)
     m->nq = m->blocks * m->count[TS_D];
     m->ny = 2 * m->nq + TS_LEDGER;
     m->stride = round_up(m->ny);
-    m->lanes = round_up(m->count[TS_S]);
+    m->string.route_count = m->packed.routes;
+    m->string.count = m->count[TS_S] + ts_segment_count(m);
+    m->lanes = round_up(m->string.count);
     sim->ahead.size = 10 * (size_t)m->stride + 2 * (size_t)m->lanes;
 }
 
@@ -427,15 +454,24 @@ static const char *lay_out_matrices(ts_sim *sim)
 {
     ts_model *m = &sim->m;
     size_t D = (size_t)m->count[TS_D], count = 0;
-    int32_t *couples = (int32_t *)malloc(2 * sizeof *couples * (10 * (size_t)m->count[TS_S] + (size_t)m->count[TS_R] + 1));
+    const size_t lines = (size_t)m->string.count, routed = ts_route_places(m) + ts_route_blocks(m);
+    int32_t *couples = (int32_t *)malloc(2 * sizeof *couples * (10 * lines + routed + (size_t)m->count[TS_R] + 1));
     if (!couples) return "out of memory";
-    for (int i = 0; i < m->count[TS_S]; i++)
+    for (int i = 0; i < m->string.count; i++)
         for (int a = 0; a < m->string.term_count[i]; a++) {
             for (int b = 0; b < a; b++)
                 couple(couples, &count, m->string.term[4 * i + a].block, m->string.term[4 * i + b].block);
-            if (m->drive.winder[i] >= 0)
+            if (i < m->count[TS_S] && m->drive.winder[i] >= 0)
                 couple(couples, &count, m->string.term[4 * i + a].block, m->blocks - m->count[TS_A] + m->drive.winder[i]);
         }
+    for (int r = 0; r < m->string.route_count; r++) {
+        const ts_route *route = m->string.route + r;
+        for (int a = 0; a < route->blocks; a++) {
+            for (int b = 0; b < a; b++) couple(couples, &count, route->block[a], route->block[b]);
+            if (m->drive.winder[route->string] >= 0)
+                couple(couples, &count, route->block[a], m->blocks - m->count[TS_A] + m->drive.winder[route->string]);
+        }
+    }
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->node.centre[m->packed.dragged[r]] >= 0)
             couple(couples, &count, m->node.centre[m->packed.dragged[r]], m->node.block[m->packed.dragged[r]]);
@@ -452,11 +488,12 @@ static const char *lay_out_matrices(ts_sim *sim)
     sim->linear.factor = sim->linear.Jv + size;
     sim->linear.pair_factor[0] = sim->linear.factor + real;
     sim->linear.pair_factor[1] = sim->linear.pair_factor[0] + complex;
-    for (int i = 0; i < m->count[TS_S]; i++)
+    for (int i = 0; i < m->string.count; i++)
         for (int a = 0; a < m->string.term_count[i]; a++)
             for (int b = 0; b < m->string.term_count[i]; b++)
                 m->string.term_place[16 * i + 4 * a + b] =
                     ts_pattern_place(&sim->linear.pattern, m->string.term[4 * i + a].block, m->string.term[4 * i + b].block);
+    ts_place_routes(m, &sim->linear.pattern);
     for (int b = 0; b < m->blocks; b++) {
         m->block.own_place[b] = ts_pattern_place(&sim->linear.pattern, b, b);
         TS_ASSERT(m->block.own_place[b] >= 0);
@@ -490,11 +527,16 @@ static void find_parts(ts_model *m, const char *blob)
     p->wound = p->moved + m->count[TS_E];
     p->braced = p->wound + m->count[TS_A];
     p->rated = p->braced + m->count[TS_C];
-    p->program = p->rated + m->count[TS_T];
+    p->heavy = p->rated + m->count[TS_T];
+    p->program = p->heavy + m->count[TS_M];
+    p->route = p->program + p->program_ints;
+    p->sharing = p->route + p->route_ints;
+    p->two_way = p->sharing + 2 * p->shares;
     p->node = (const double *)(const void *)(blob + 8 + 4 * int_count(m));
     p->velocity = p->node + N * m->count[TS_D];
     p->program_values = p->velocity + N * m->count[TS_D];
     p->start = p->program_values + p->program_doubles;
+    p->share = p->start + m->n_applied;
 }
 
 /* All arrays but the pattern's and the laws'; 0: out of memory. */
@@ -527,6 +569,7 @@ static const char *read_model(ts_sim *sim, const void *bytes, size_t size)
     if ((m->node.lone_count = count_lone(m)) < 0) return "out of memory";
     count_blocks(sim);
     if (!allocate(sim, size)) return "out of memory";
+    ts_lay_out_masses(m, m->node.block);
     if ((reason = lay_out_bars(m, m->packed.node)) || (reason = lay_out_drives(m))) return reason;
     lay_out_strings(m);
     for (int i = 0, D = m->count[TS_D]; i < m->count[TS_N] * D; i++)

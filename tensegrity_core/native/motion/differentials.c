@@ -8,6 +8,7 @@
 #include "laws/curve.h"
 #include "laws/curves.h"
 #include "linear/chain.h"
+#include "linear/pairs.h"
 #include "model/data.h"
 
 #include <math.h>
@@ -20,15 +21,15 @@ static double value(const ts_differentials *o, int field, int i) { return o->sim
 void ts_place_differentials(ts_differentials *o)
 {
     const ts_model *m = &o->sim->m;
-    const int32_t D = m->count[TS_D], N = m->count[TS_N], S = m->count[TS_S];
+    const int32_t D = m->count[TS_D], N = m->count[TS_N], S = m->count[TS_S], L = m->string.count;
     ts_places *at = &o->at;
     int32_t n = 0;
 #define PLACE(what, count) at->what = n, n += (count)
     PLACE(values, m->n_applied), PLACE(extra, N), PLACE(lower, m->bar.floating_count);
     PLACE(inverse, m->blocks), PLACE(laden, m->blocks);
     PLACE(base, m->count[TS_E] * 3 * D), PLACE(gravity, 3), PLACE(y, m->ny);
-    PLACE(x, N * 2 * D), PLACE(s, S * 2 * D), PLACE(elongation, S), PLACE(rate, S), PLACE(elastic, S), PLACE(tension, S);
-    PLACE(pull, S * D), PLACE(force, N * D), PLACE(Q, m->nq), PLACE(dy, m->ny), PLACE(load, N * D);
+    PLACE(x, N * 2 * D), PLACE(s, L * 2 * D), PLACE(elongation, S), PLACE(rate, S), PLACE(elastic, S), PLACE(tension, S);
+    PLACE(pull, L * D), PLACE(force, N * D), PLACE(Q, m->nq), PLACE(dy, m->ny), PLACE(load, N * D);
     PLACE(outputs, m->n_real - m->n_applied), PLACE(indicators, 3 * S);
 #undef PLACE
     at->size = n;
@@ -47,7 +48,7 @@ static void weigh_floating(ts_differentials *o, int i)
                  per_inertia = -inverse[b] * inverse[b] / 12.0;
     const int32_t mass = value_at(o, TS_BAR_MASS, m->block.bar[r]), m1 = o->at.extra + p->first, m2 = o->at.extra + p->second;
     chain_row(c, o->at.lower + i);
-    if (m->count[TS_P]) {
+    if (m->node.massed_count) {
         chain_add(c, mass, (0.5 - p->lower) * over);
         chain_add(c, m1, -p->lower * over);
         chain_add(c, m2, p->upper * over);
@@ -71,6 +72,10 @@ static void weigh(ts_differentials *o)
     for (int i = 0; i < m->count[TS_P]; i++) {
         chain_row(c, o->at.extra + m->packed.massed[i]);
         chain_add(c, value_at(o, TS_POINT_MASS, i), 1.0);
+    }
+    for (int i = 0; i < m->packed.shares; i++) {
+        chain_row(c, o->at.extra + m->packed.sharing[2 * i + 1]);
+        chain_add(c, value_at(o, TS_STRING_MASS, m->packed.sharing[2 * i]), m->packed.share[i]);
     }
     for (int i = 0; i < m->bar.floating_count; i++) weigh_floating(o, i);
     for (int i = 0; i < m->bar.pinned_count; i++) {
@@ -198,36 +203,78 @@ static void place_nodes(ts_differentials *o)
     }
 }
 
-/* xi = |s|, xi' = s.s'/xi; less the rest length and its rate, and more by what a motor has wound in. */
+/* The lines that a string runs along: itself, or its segments. */
+typedef struct {
+    int first, end;
+} lines;
+
+static lines lines_of(const ts_model *m, int i)
+{
+    if (m->string.routed[i] < 0) return MAKE(lines){i, i + 1};
+    const ts_route *route = m->string.route + m->string.routed[i];
+    return MAKE(lines){route->first, route->first + route->count};
+}
+
+/* Unit vector along a line. */
+static void direction(const ts_sim *sim, int line, double u[3])
+{
+    for (int d = 0; d < sim->m.count[TS_D]; d++) u[d] = sim->strings.s[d * sim->m.lanes + line] * sim->strings.per_length[line];
+}
+
+/* The rows of a line's vector and of its rate. */
+static void stretch(ts_differentials *o, int line)
+{
+    const ts_model *m = &o->sim->m;
+    const int D = m->count[TS_D];
+    const int32_t *ends = m->string.ends + 2 * line;
+    for (int d = 0; d < 2 * D; d++) {
+        chain_row(&o->chain, o->at.s + 2 * D * line + d);
+        chain_add(&o->chain, o->at.x + ends[1] + d, 1.0);
+        chain_add(&o->chain, o->at.x + ends[0] + d, -1.0);
+    }
+}
+
+/* A line's length, in the row at hand. */
+static void add_length(ts_differentials *o, int line)
+{
+    const int D = o->sim->m.count[TS_D];
+    double u[3];
+    direction(o->sim, line, u);
+    for (int d = 0; d < D; d++) chain_add(&o->chain, o->at.s + 2 * D * line + d, u[d]);
+}
+
+/* And its rate. */
+static void add_speed(ts_differentials *o, int line)
+{
+    const ts_sim *sim = o->sim;
+    const int D = sim->m.count[TS_D], lanes = sim->m.lanes;
+    const int32_t s = o->at.s + 2 * D * line;
+    double u[3], speed = 0.0;
+    direction(sim, line, u);
+    for (int d = 0; d < D; d++) speed += u[d] * sim->strings.sd[d * lanes + line];
+    for (int d = 0; d < D; d++) {
+        chain_add(&o->chain, s + d, (sim->strings.sd[d * lanes + line] - speed * u[d]) * sim->strings.per_length[line]);
+        chain_add(&o->chain, s + D + d, u[d]);
+    }
+}
+
+/* xi = |s|, xi' = s.s'/xi, of a routed string the sums over its segments; less the rest length and its rate, and more by what a
+ * motor has wound in. */
 static void elongate(ts_differentials *o, int i)
 {
     const ts_sim *sim = o->sim;
     const ts_model *m = &sim->m;
     ts_chain *c = &o->chain;
+    const lines along = lines_of(m, i);
     const int D = m->count[TS_D], winder = m->drive.winder[i];
-    const int32_t *ends = m->string.ends + 2 * i, s = o->at.s + 2 * D * i,
-                  motor = o->at.y + (m->blocks - m->count[TS_A] + winder) * D;
-    const double over = sim->strings.per_length[i];
-    double u[3], sd[3], speed = 0.0;
-    for (int d = 0; d < D; d++) {
-        u[d] = sim->strings.s[d * m->lanes + i] * over;
-        sd[d] = sim->strings.sd[d * m->lanes + i];
-        speed += u[d] * sd[d];
-    }
-    for (int d = 0; d < 2 * D; d++) {
-        chain_row(c, s + d);
-        chain_add(c, o->at.x + ends[1] + d, 1.0);
-        chain_add(c, o->at.x + ends[0] + d, -1.0);
-    }
+    const int32_t motor = o->at.y + (m->blocks - m->count[TS_A] + winder) * D;
+    for (int k = along.first; k < along.end; k++) stretch(o, k);
     chain_row(c, o->at.elongation + i);
-    for (int d = 0; d < D; d++) chain_add(c, s + d, u[d]);
+    for (int k = along.first; k < along.end; k++) add_length(o, k);
     chain_add(c, value_at(o, TS_REST_LENGTH, i), -1.0);
     if (winder >= 0) chain_add(c, motor, 1.0);
     chain_row(c, o->at.rate + i);
-    for (int d = 0; d < D; d++) {
-        chain_add(c, s + d, (sd[d] - speed * u[d]) * over);
-        chain_add(c, s + D + d, u[d]);
-    }
+    for (int k = along.first; k < along.end; k++) add_speed(o, k);
     if (winder >= 0) chain_add(c, motor + m->nq, 1.0);
     else chain_add(c, value_at(o, TS_REST_LENGTH_RATE, i), -(sim->io.slopes[m->at[TS_REST_LENGTH] + i] == 0.0));
 }
@@ -299,13 +346,27 @@ static void bear_beams(ts_differentials *o, int i)
     }
 }
 
+/* The string's force along a line, T u. */
+static void pull(ts_differentials *o, int i, int line)
+{
+    const ts_sim *sim = o->sim;
+    const int D = sim->m.count[TS_D];
+    const double density = (sim->strings.fs[i] + sim->strings.fd[i]) * sim->strings.per_length[line];
+    double u[3];
+    direction(sim, line, u);
+    for (int d = 0; d < D; d++) {
+        chain_row(&o->chain, o->at.pull + D * line + d);
+        chain_add(&o->chain, o->at.tension + i, u[d]);
+        for (int k = 0; k < D; k++) chain_add(&o->chain, o->at.s + 2 * D * line + k, density * ((d == k) - u[d] * u[k]));
+    }
+}
+
 static void bear(ts_differentials *o, int i, const bearing *b)
 {
     const ts_sim *sim = o->sim;
     const ts_model *m = &sim->m;
     ts_chain *c = &o->chain;
-    const int D = m->count[TS_D];
-    const double over = sim->strings.per_length[i], density = (sim->strings.fs[i] + sim->strings.fd[i]) * over;
+    const lines along = lines_of(m, i);
     const int32_t outputs = o->at.outputs - m->n_applied;
     chain_row(c, o->at.elastic + i);
     chain_add(c, o->at.elongation + i, b->slope);
@@ -315,19 +376,13 @@ static void bear(ts_differentials *o, int i, const bearing *b)
     chain_add(c, o->at.elastic + i, b->acts);
     chain_add(c, o->at.rate + i, b->acts ? b->damping : 0.0);
     chain_add(c, value_at(o, TS_DAMPING, i), b->acts ? sim->strings.rate[i] : 0.0);
-    for (int d = 0; d < D; d++) {
-        const double u = sim->strings.s[d * m->lanes + i] * over;
-        chain_row(c, o->at.pull + D * i + d);
-        chain_add(c, o->at.tension + i, u);
-        for (int k = 0; k < D; k++)
-            chain_add(c, o->at.s + 2 * D * i + k, density * ((d == k) - u * sim->strings.s[k * m->lanes + i] * over));
-    }
+    for (int k = along.first; k < along.end; k++) pull(o, i, k);
     chain_row(c, outputs + m->at[TS_STRING_FORCE] + i);
     chain_add(c, o->at.tension + i, 1.0);
     chain_row(c, outputs + m->at[TS_ELASTIC_FORCE] + i);
     chain_add(c, o->at.elastic + i, 1.0);
     chain_row(c, outputs + m->at[TS_STRING_LENGTH] + i);
-    for (int d = 0; d < D; d++) chain_add(c, o->at.s + 2 * D * i + d, sim->strings.s[d * m->lanes + i] * over);
+    for (int k = along.first; k < along.end; k++) add_length(o, k);
     chain_row(c, outputs + m->at[TS_ELASTIC]);
     chain_add(c, o->at.elongation + i, b->fs);
     chain_add(c, value_at(o, TS_STIFFNESS, i), b->stored_by_stiffness);
@@ -357,14 +412,14 @@ static void watch(ts_differentials *o, int i, const bearing *b)
 {
     const ts_sim *sim = o->sim;
     ts_chain *c = &o->chain;
-    const int clips = sim->m.damping_law == TS_TENSION_ONLY;
+    const int clips = sim->m.damping_law == TS_TENSION_ONLY; /* every string has an indicator for it */
     const int32_t z = o->at.indicators + (clips ? 3 : 2) * i;
     chain_row(c, z);
     chain_add(c, o->at.elongation + i, sim->on.lo[i] > -INFINITY);
     chain_row(c, z + 1);
     chain_add(c, o->at.elongation + i, -(sim->on.hi[i] < INFINITY));
     if (!clips) return;
-    const double sign = !sim->on.taut[i] ? 0.0 : sim->state.clipped[i] ? -1.0 : 1.0;
+    const double sign = sim->on.taut[i] != TS_TAUT ? 0.0 : sim->state.clipped[i] ? -1.0 : 1.0;
     chain_row(c, z + 2);
     chain_add(c, o->at.elastic + i, sign);
     chain_add(c, o->at.rate + i, sign * b->damping);
@@ -380,10 +435,10 @@ static void load_nodes(ts_differentials *o)
     const ts_model *m = &sim->m;
     ts_chain *c = &o->chain;
     const int D = m->count[TS_D];
-    for (int i = 0; i < m->count[TS_S]; i++)
-        for (int end = 0; end < 2; end++)
+    for (int i = 0; i < m->string.count; i++)
+        for (int end = 0; end < 2 && (i >= m->count[TS_S] || m->string.routed[i] < 0); end++)
             for (int d = 0; d < D; d++) {
-                chain_row(c, o->at.force + m->packed.strings[2 * i + end] * D + d);
+                chain_row(c, o->at.force + m->string.node[2 * i + end] * D + d);
                 chain_add(c, o->at.pull + D * i + d, end ? -1.0 : 1.0);
             }
     for (int r = 0; r < m->count[TS_R]; r++)

@@ -15,10 +15,10 @@ typedef struct {
     int32_t base, gravity;       /* (E, 3, D), (3) */
     int32_t y;                   /* (ny) the state: an argument, or at the start what follows from the others */
     int32_t x;                   /* (N, 2, D) positions and velocities of the nodes */
-    int32_t s;                   /* (S, 2, D) string vectors and their rates */
+    int32_t s;                   /* (lines, 2, D) vectors of strings and segments, and their rates */
     int32_t elongation, rate;    /* (S) */
     int32_t elastic, tension;    /* (S) as the spring gives it; as it acts on the nodes */
-    int32_t pull, force;         /* (S, D), (N, D) */
+    int32_t pull, force;         /* (lines, D), (N, D) */
     int32_t Q, dy;               /* (nq), (ny) */
     int32_t load;                /* (N, D) forces with weights and what point masses need */
     int32_t outputs, indicators; /* (n_real - n_applied), see ts_margins() */

@@ -35,16 +35,27 @@ static void place_ends(ts_model *m, ts_place_of_bar *p, double lower)
     m->node.coef[p->second] = p->upper;
 }
 
-static void hang(ts_model *m, int string)
+static void hang(ts_model *m, int line)
 {
-    ts_term *t = m->string.term + 4 * string;
+    ts_term *t = m->string.term + 4 * line; /* there is room for four, whether or not it has terms */
     for (int end = 0; end < 2; end++) {
-        int node = m->packed.strings[2 * string + end];
+        int node = m->string.node[2 * line + end];
         if (m->node.block[node] < 0) continue;
         if (m->node.centre[node] >= 0) t++;
         t->kappa = (end ? 1.0 : -1.0) * m->node.coef[node];
         t++;
     }
+}
+
+/* Shares in strings' masses, beside the nodes' point masses. */
+static void share_masses(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    const ts_packed *p = &m->packed;
+    double *extra = sim->inertia.extra;
+    for (int i = m->count[TS_P]; i < m->node.massed_count; i++) extra[m->node.massed[i]] = 0.0;
+    for (int i = 0; i < p->shares; i++)
+        extra[p->sharing[2 * i + 1]] += p->share[i] * value(sim, TS_STRING_MASS, p->sharing[2 * i]);
 }
 
 /* Inertias and weights of the blocks, gravity's vector. */
@@ -56,6 +67,7 @@ void ts_weigh(ts_sim *sim)
     for (int d = 0; d < m->count[TS_D]; d++)
         sim->inertia.gravity[d] = m->count[TS_V] > 1 ? gravity[d] : d == m->z_axis ? -gravity[0] : 0.0;
     for (int i = 0; i < m->count[TS_P]; i++) extra[m->packed.massed[i]] = value(sim, TS_POINT_MASS, i);
+    if (m->packed.shares) share_masses(sim);
     for (int i = 0; i < m->bar.pinned_count; i++) {
         int b = m->bar.pinned[i].block;
         double bar = mass[m->block.bar[b]], tip = extra[m->bar.pinned[i].second];
@@ -65,7 +77,7 @@ void ts_weigh(ts_sim *sim)
     for (int i = 0; i < m->bar.floating_count; i++) {
         ts_place_of_bar *p = m->bar.floating + i;
         double bar = mass[m->block.bar[p->block]], m1 = extra[p->first], m2 = extra[p->second], all = bar + m1 + m2;
-        if (m->count[TS_P]) place_ends(m, p, (0.5 * bar + m2) / all);
+        if (m->node.massed_count) place_ends(m, p, (0.5 * bar + m2) / all);
         double off = p->lower - 0.5, inertia = bar * off * off + m1 * p->lower * p->lower + m2 * p->upper * p->upper;
         sim->inertia.inverse[p->block] = 1.0 / all;
         sim->inertia.laden[p->block] = all;
@@ -76,7 +88,7 @@ void ts_weigh(ts_sim *sim)
         sim->inertia.inverse[b] = 1.0 / extra[m->node.lone[i]];
         sim->inertia.laden[b] = extra[m->node.lone[i]];
     }
-    for (int i = 0; m->count[TS_P] && i < m->count[TS_S]; i++) hang(m, i);
+    for (int i = 0; m->node.massed_count && i < m->string.count; i++) hang(m, i);
 }
 
 /* --- moved nodes -------------------------------------------------------------------------------------------------------- */

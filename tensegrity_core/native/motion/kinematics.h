@@ -42,8 +42,8 @@ ALWAYS_INLINE void book(double *p, double done)
     p[2] += fabs(done);
 }
 
-/* String vector and its rate from the blocks. */
-ALWAYS_INLINE void string_vector(const ts_model *m, const double *q, const double *v, int i, double *s, double *sd, const int D)
+/* Vector of a line, a string or a segment of one, and its rate from the blocks. */
+ALWAYS_INLINE void line_vector(const ts_model *m, const double *q, const double *v, int i, double *s, double *sd, const int D)
 {
     const ts_term *t = m->string.term + 4 * i;
     for (int d = 0; d < D; d++) s[d] = m->string.s0[i * D + d], sd[d] = 0.0;

@@ -231,7 +231,7 @@ static void damper_forces(const ts_model *m, const ts_laws *laws, const ts_beari
 static void clip(const ts_sim *sim, ts_strings *found)
 {
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
-        if (!sim->on.taut[i]) continue;
+        if (sim->on.taut[i] != TS_TAUT) continue;
         int clipped = sim->state.clipped[i];
         double T = found->fs[i] + found->fd[i], margin = clipped ? -T : T;
         if ((T < 0.0) != (clipped != 0)) found->sign_changed[i] = 1;
@@ -251,9 +251,39 @@ static void place_by_elongation(ts_sim *sim)
             ts_place(sim, i, ts_curve_walk(sim->laws.curve + i, sim->state.piece[i], elongation, 0.0, &lost));
         found->fs[i] = sim->on.k[i] * elongation;
         found->fd[i] = sim->on.d[i] * rate;
-        if (sim->m.damping_law != TS_TENSION_ONLY || !sim->on.taut[i]) continue;
+        if (sim->m.damping_law != TS_TENSION_ONLY || sim->on.taut[i] != TS_TAUT) continue;
         double f = elastic(sim, i, elongation, &slope) + ts_damping_law(&sim->laws, i, rate, &slope);
         sim->state.clipped[i] = f + found->fd[i] < 0.0;
+    }
+}
+
+/* Routed strings bear what the lengths of all their segments give together. */
+APART static void add_segments(const ts_sim *sim, ts_strings *found, double tau, const double *rest, const double *rest_rates)
+{
+    for (int r = 0; r < sim->m.string.route_count; r++) {
+        const ts_route *route = sim->m.string.route + r;
+        const int i = route->string;
+        double length = 0.0, rate = 0.0;
+        for (int k = route->first; k < route->first + route->count; k++) {
+            length += found->elongation[k];
+            rate += found->rate[k];
+        }
+        found->elongation[i] = length - (rest[i] + rest_rates[i] * tau);
+        found->rate[i] = rate - rest_rates[i];
+        found->fs[i] = sim->on.k[i] * found->elongation[i];
+        found->fd[i] = sim->on.d[i] * found->rate[i];
+        found->per_length[i] = 0.0; /* its segments pull, see pull() */
+        found->lowest[i] = fmin(found->route_extremes[2 * r], found->elongation[i]);
+        found->highest[i] = fmax(found->route_extremes[2 * r + 1], found->elongation[i]);
+    }
+}
+
+/* What is worked out for all lines alike is nothing to a routed string: its extremes stay. */
+APART static void keep_extremes(const ts_lines *lines, ts_strings *found)
+{
+    for (int r = 0; r < lines->route_count; r++) {
+        found->route_extremes[2 * r] = found->lowest[lines->route[r].string];
+        found->route_extremes[2 * r + 1] = found->highest[lines->route[r].string];
     }
 }
 
@@ -274,12 +304,16 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
     sim->strings.evaluations++;
     if (driven) ts_move_bases(m, tau, &sim->bases, sim->strings.x);
     spread(m, q, v, sim->strings.x, driven, D);
+    const int routed = driven && m->string.route_count;
+    if (routed) keep_extremes(&m->string, &sim->strings);
     if (rest->bends || (driven && m->count[TS_A])) {
         bend_rest_lengths(m->count[TS_S], tau, rest);
         if (driven) ts_wind(m, q, rest);
         elongate(m, &sim->on, &sim->strings, 0.0, rest->now, rest->rate_now, D);
+        if (routed) add_segments(sim, &sim->strings, 0.0, rest->now, rest->rate_now);
     } else {
         elongate(m, &sim->on, &sim->strings, tau, rest->length, rest->rate, D);
+        if (routed) add_segments(sim, &sim->strings, tau, rest->length, rest->rate);
     }
     if (sim->call.unlocated) place_by_elongation(sim);
     if (m->string.curved_count) curve_forces(sim);
@@ -287,8 +321,25 @@ ALWAYS_INLINE void strings(ts_sim *sim, double tau, const double *q, const doubl
     if (m->damping_law == TS_TENSION_ONLY) clip(sim, &sim->strings);
 }
 
+/* A routed string's tension acts along each of its segments. */
+ALWAYS_INLINE void pull_along(const ts_model *m, const ts_strings *found, double *RESTRICT force, const int D)
+{
+    for (int r = 0; r < m->string.route_count; r++) {
+        const ts_route *route = m->string.route + r;
+        const double tension = found->fs[route->string] + found->fd[route->string];
+        for (int k = route->first; k < route->first + route->count; k++) {
+            double *a = force + m->string.node[2 * k] * D, *b = force + m->string.node[2 * k + 1] * D;
+            for (int d = 0; d < D; d++) {
+                double f = tension * found->per_length[k] * found->s[d * m->lanes + k];
+                a[d] += f;
+                b[d] -= f;
+            }
+        }
+    }
+}
+
 /* Forces of the strings on the nodes. */
-ALWAYS_INLINE void pull(const ts_model *m, const ts_strings *found, double *RESTRICT force, const int D)
+ALWAYS_INLINE void pull(const ts_model *m, const ts_strings *found, double *RESTRICT force, const int driven, const int D)
 {
     const int lanes = m->lanes, count = m->count[TS_S], nodes = m->count[TS_N];
     const int32_t *ends = m->packed.strings;
@@ -303,6 +354,7 @@ ALWAYS_INLINE void pull(const ts_model *m, const ts_strings *found, double *REST
             b[d] -= f;
         }
     }
+    if (driven) pull_along(m, found, force, D);
 }
 
 /* Power of external forces that move; that of constant ones is a difference, see integrate.c. */
@@ -383,7 +435,7 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     const double *q = y, *v = y + nq;
     double *a = dy + nq;
     strings(sim, tau, q, v, driven, D);
-    pull(m, &sim->strings, sim->strings.node_force, D);
+    pull(m, &sim->strings, sim->strings.node_force, driven, D);
     if (driven) ts_drag(sim, sim->strings.node_force);
     ledger_rates(sim, tau, v, dy + 2 * nq, driven);
     gather(sim, tau, sim->strings.node_force, a, driven, D);
@@ -456,7 +508,7 @@ void ts_power(ts_sim *sim, double tau, const double *y, double p[TS_LEDGER])
 ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, const int driven, const int D)
 {
     strings(sim, tau, y, y + sim->m.nq, driven, D);
-    pull(&sim->m, &sim->strings, sim->strings.node_force, D);
+    pull(&sim->m, &sim->strings, sim->strings.node_force, driven, D);
     if (driven) ts_drag(sim, sim->strings.node_force);
     gather(sim, tau, sim->strings.node_force, Q, driven, D);
     if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
@@ -468,22 +520,47 @@ void ts_forces(ts_sim *sim, double tau, const double *y, double *Q)
     else DISPATCH(&sim->m, forces, sim, tau, y, Q, 0);
 }
 
-ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate,
-                                const int driven, const int D)
+/* Length of a line and its rate. */
+ALWAYS_INLINE double line_length(const ts_sim *sim, double tau, const double *y, int i, double *rate, const int driven,
+                                 const int D)
 {
     const ts_model *m = &sim->m;
-    double s[3], sd[3], xd = ts_rest_rate(&sim->rest, i, tau);
-    string_vector(m, y, y + m->nq, i, s, sd, D);
+    double s[3], sd[3];
+    line_vector(m, y, y + m->nq, i, s, sd, D);
     for (int end = 0; driven && end < 2; end++) {
         double x[3], v[3], sign = end ? 1.0 : -1.0;
-        int mover = m->drive.mover[m->packed.strings[2 * i + end]];
+        int mover = m->drive.mover[m->string.node[2 * i + end]];
         if (mover < 0) continue;
         ts_base_at(&sim->bases, D, tau, mover, x, v);
         for (int d = 0; d < D; d++) s[d] += sign * x[d], sd[d] += sign * v[d];
     }
     double xi = sqrt(dot(s, s, D));
+    *rate = xi > 0.0 ? dot(s, sd, D) / xi : 0.0;
+    return xi;
+}
+
+/* Length of a string over all its segments, and its rate. */
+ALWAYS_INLINE double string_length(const ts_sim *sim, double tau, const double *y, int i, double *rate, const int driven,
+                                   const int D)
+{
+    if (!driven || sim->m.string.routed[i] < 0) return line_length(sim, tau, y, i, rate, driven, D);
+    const ts_route *route = sim->m.string.route + sim->m.string.routed[i];
+    double sum = 0.0, one;
+    *rate = 0.0;
+    for (int k = route->first; k < route->first + route->count; k++) {
+        sum += line_length(sim, tau, y, k, &one, 1, D);
+        *rate += one;
+    }
+    return sum;
+}
+
+ALWAYS_INLINE void string_state(const ts_sim *sim, double tau, const double *y, int i, double *elongation, double *rate,
+                                const int driven, const int D)
+{
+    const ts_model *m = &sim->m;
+    double speed, xi = string_length(sim, tau, y, i, &speed, driven, D);
     *elongation = xi - ts_rest_length(&sim->rest, i, tau);
-    *rate = (xi > 0.0 ? dot(s, sd, D) / xi : 0.0) - xd;
+    *rate = speed - ts_rest_rate(&sim->rest, i, tau);
     if (driven && m->drive.winder[i] >= 0) {
         *elongation += ts_wound(m, y, i);
         *rate += ts_wound(m, y + m->nq, i);

@@ -114,9 +114,9 @@ static void loads(ts_differentials *o)
             chain_add(c, o->at.gravity + d, 0.5 * value(o, TS_BAR_MASS, i / 2));
             if (o->start) chain_add(c, value_at(o, TS_BAR_MASS, i / 2), 0.5 * sim->inertia.gravity[d]);
         }
-    for (int i = 0; i < m->count[TS_P]; i++)
-        for (int d = 0; d < D; d++) carry(o, m->packed.massed[i], d);
-    for (int i = 0; o->start && m->count[TS_P] && i < m->bar.floating_count; i++) carry_off_centre(o, i);
+    for (int i = 0; i < m->node.massed_count; i++)
+        for (int d = 0; d < D; d++) carry(o, m->node.massed[i], d);
+    for (int i = 0; o->start && m->node.massed_count && i < m->bar.floating_count; i++) carry_off_centre(o, i);
 }
 
 /* Of the ground on a bar that is pinned there, beside what the node takes. */
@@ -278,8 +278,8 @@ static void potential(ts_differentials *o)
             grounded(o, p->first, value(o, TS_BAR_MASS, bar) + extra[p->second], value_at(o, TS_BAR_MASS, bar),
                      o->at.extra + p->second, d, &sum);
         }
-        for (int i = 0; i < m->count[TS_P]; i++) {
-            const int n = m->packed.massed[i];
+        for (int i = 0; i < m->node.massed_count; i++) {
+            const int n = m->node.massed[i];
             if (m->packed.fixed[n]) grounded(o, n, extra[n], o->at.extra + n, -1, d, &sum);
         }
         chain_add(c, o->at.gravity + d, -sum);

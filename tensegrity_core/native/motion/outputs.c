@@ -44,9 +44,9 @@ static double potential(const ts_sim *sim)
             double mass = sim->io.values[m->at[TS_BAR_MASS] + bar] + sim->inertia.extra[m->bar.pinned[i].second];
             sum += mass * fixed_at(m, &sim->bases, m->bar.pinned[i].first)[d];
         }
-        for (int i = 0; i < m->count[TS_P]; i++)
-            if (m->packed.fixed[m->packed.massed[i]])
-                sum += sim->inertia.extra[m->packed.massed[i]] * fixed_at(m, &sim->bases, m->packed.massed[i])[d];
+        for (int i = 0; i < m->node.massed_count; i++)
+            if (m->packed.fixed[m->node.massed[i]])
+                sum += sim->inertia.extra[m->node.massed[i]] * fixed_at(m, &sim->bases, m->node.massed[i])[d];
         energy -= sim->inertia.gravity[d] * sum;
     }
     return energy;
@@ -173,8 +173,8 @@ ALWAYS_INLINE void loads(ts_sim *sim, double tau, const int D)
     for (int i = 0; i < 2 * m->count[TS_B]; i++)
         for (int d = falls.first; d < falls.end; d++)
             sim->strings.node_force[m->packed.bars[i] * D + d] += 0.5 * mass[i / 2] * sim->inertia.gravity[d];
-    for (int i = 0; i < m->count[TS_P]; i++)
-        for (int d = 0, n = m->packed.massed[i]; d < D; d++)
+    for (int i = 0; i < m->node.massed_count; i++)
+        for (int d = 0, n = m->node.massed[i]; d < D; d++)
             sim->strings.node_force[n * D + d] += sim->inertia.extra[n] * (sim->inertia.gravity[d] - acceleration(sim, n, d));
 }
 

@@ -1,6 +1,7 @@
 /* The piece of its force curve that a string is on, and what it bears there. */
 #include "motion/pieces.h"
 #include "invariants.h"
+#include "linear/pairs.h"
 #include "model/data.h"
 
 #include <float.h>
@@ -17,7 +18,7 @@ void ts_bear(ts_sim *sim, int i)
 }
 
 /* Put a string on a piece. */
-void ts_place(ts_sim *sim, int i, int piece)
+ALWAYS_INLINE void place(ts_sim *sim, int i, int piece)
 {
     const ts_model *m = &sim->m;
     const ts_curve *c = sim->laws.curve + i;
@@ -35,4 +36,30 @@ void ts_place(ts_sim *sim, int i, int piece)
     sim->on.guard[i] = 2.0 * DBL_EPSILON * size;
     if (!sim->on.taut[i] || m->damping_law != TS_TENSION_ONLY) sim->state.clipped[i] = 0;
     ts_bear(sim, i);
+}
+
+/* Round-off of a routed string, by its segments; and a spring that also pushes has no end. */
+APART static void place_otherwise(ts_sim *sim, int i, int piece)
+{
+    const ts_lines *lines = &sim->m.string;
+    const int D = sim->m.count[TS_D];
+    place(sim, i, piece);
+    if (lines->two_way[i]) {
+        sim->on.taut[i] = TS_PUSHES;
+        sim->on.lo[i] = -INFINITY;
+        sim->state.clipped[i] = 0;
+    }
+    if (lines->routed[i] < 0) return;
+    const ts_route *route = lines->route + lines->routed[i];
+    double size = 0.0;
+    for (int k = route->first * D; k < (route->first + route->count) * D; k++) size += fabs(lines->s0[k]);
+    for (int k = 4 * route->first; k < 4 * (route->first + route->count); k++)
+        for (int d = 0; d < D && k % 4 < lines->term_count[k / 4]; d++) size += fabs(sim->state.y[lines->term[k].offset + d]);
+    sim->on.guard[i] += 2.0 * DBL_EPSILON * size;
+}
+
+void ts_place(ts_sim *sim, int i, int piece)
+{
+    if (sim->m.string.otherwise) place_otherwise(sim, i, piece);
+    else place(sim, i, piece);
 }

@@ -29,7 +29,7 @@ static double raw_tension(const ts_sim *sim, int i, double elongation, double ra
     return fs + fd;
 }
 
-static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i]; }
+static int clips(const ts_sim *sim, int i) { return sim->m.damping_law == TS_TENSION_ONLY && sim->on.taut[i] == TS_TAUT; }
 
 /* The tension that a stretch of `guard` gives (N). */
 static double tension_guard(const ts_sim *sim, int i, double guard)
@@ -118,6 +118,15 @@ static void look(const step *s, double theta, int first, int count)
     s->method->interpolate(&sim->ahead, theta, sim->m.nq + first, count, y + sim->m.nq);
 }
 
+/* A block on the dense output, put on the constraint. */
+static void look_at_block(const step *s, double theta, int block)
+{
+    ts_sim *sim = s->sim;
+    const int D = sim->m.count[TS_D];
+    look(s, theta, block * D, D);
+    ts_project_block(&sim->m, sim->attempt.y, block);
+}
+
 /* Elongation and rate of one string on the dense output, put on the constraint as the state will be: only the blocks it
  * hangs on are interpolated. */
 static void at_theta(const step *s, double theta, int i, double *elongation, double *rate)
@@ -126,9 +135,10 @@ static void at_theta(const step *s, double theta, int i, double *elongation, dou
     const ts_term *t = sim->m.string.term + 4 * i;
     int D = sim->m.count[TS_D];
     sim->call.looks++;
-    for (int k = 0; k < sim->m.string.term_count[i]; k++) {
-        look(s, theta, t[k].offset, D);
-        ts_project_block(&sim->m, sim->attempt.y, t[k].block);
+    for (int k = 0; k < sim->m.string.term_count[i]; k++) look_at_block(s, theta, t[k].block);
+    if (sim->m.string.routed[i] >= 0) {
+        const ts_route *route = sim->m.string.route + sim->m.string.routed[i];
+        for (int k = 0; k < route->blocks; k++) look_at_block(s, theta, route->block[k]);
     }
     if (sim->m.drive.winder[i] >= 0) look(s, theta, D * (sim->m.blocks - sim->m.count[TS_A] + sim->m.drive.winder[i]), 1);
     ts_string_state(sim, s->tau + theta * s->h, sim->attempt.y, i, elongation, rate);

@@ -12,10 +12,11 @@ from tests.support import scene
 from tests.support.derivative_states import Bench
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, RATED, built
 from tests.support.element_scenes import mast
+from tests.support.rigged_scenes import RIGGED
 
 #: Of the largest derivative of the same unknown: what is left of terms that cancel.
 ROUND_OFF = 1e-15
-DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT, "winch": MAST, "rated": RATED}
+DRIVEN = {"laboratory": LABORATORY, "pendulum": PENDULUM, "afloat": AFLOAT, "winch": MAST, "rated": RATED, "rigged": RIGGED}
 
 
 def model_of(name, law):

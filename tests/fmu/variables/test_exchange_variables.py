@@ -17,10 +17,12 @@ from tensegrity_core.scene import builtin_scenes
 from tests.fmu.variables.test_fmu_schemas import problems
 from tests.support import scene
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
+from tests.support.rigged_scenes import RIGGED
 
 MODELS = {
     **{name: lambda name=name: scene(name) for name in builtin_scenes()},
     "laboratory": lambda: built(LABORATORY),
+    "rigged": lambda: built(RIGGED),
     "mast": lambda: built(MAST),
     "pendulum": lambda: built(PENDULUM, moving=["n1"], point_masses={"n2": 0.5}, drag={"n2": 0.4}),
     "afloat": lambda: built(AFLOAT, gravity=9.81),

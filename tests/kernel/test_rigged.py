@@ -1,0 +1,235 @@
+"""Strings over several nodes, strings with mass and springs that also push, in the kernel: against closed forms, the same
+structure written otherwise, the reference, and derivatives by differences.
+
+Longer against the reference: ``python -m tests.kernel.test_rigged 5`` (s).
+"""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tensegrity_core import kernel, reference
+from tensegrity_core.errors import InputError
+from tensegrity_core.fields import METHODS
+from tensegrity_core.kernel import Kernel, to_bytes
+from tensegrity_core.kernel.unpacking import from_bytes
+from tensegrity_core.model import grid, held
+from tests.support import by_hand
+from tests.support.driven_scenes import PENDULUM, built
+from tests.support.rigged_scenes import RIGGED
+
+
+def drive(model, duration=1.0, step=0.02):
+    """Everything moves: forces, rest lengths, pivots, currents."""
+    times = grid(duration, step)
+    at, along = model.nodes[list(model.moving)], np.random.default_rng(2).normal(size=(len(model.moving), 3)) * 0.02
+    force = np.random.default_rng(1).normal(size=(len(model.nodes), 3)) * 20.0 * ~model.fixed[:, None]
+    force[:, [axis for axis in range(3) if axis not in model.axes]] = 0.0
+    return held(
+        model,
+        times,
+        force=lambda t: force * np.sin(5.0 * t),
+        rest_length=lambda t: model.rest_length * (1.0 - 0.02 * np.sin(6.0 * t)),
+        motion=lambda t: (at + along * np.sin(4.0 * t), 4.0 * along * np.cos(4.0 * t)),
+        current=lambda t: model.current * (1.0 + 0.3 * np.sin(7.0 * t)),
+    )
+
+
+def rigged(law="literal", **changes):
+    return replace(built(RIGGED, damping_law=law), **changes)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_weights_over_a_pulley(method):
+    """s = x1 + x2 oscillates about its rest under 2 g, and each weight falls by what the tension leaves of it."""
+    k, m1, m2, g = 900.0, 2.0, 1.5, 9.81
+    model = by_hand(
+        [[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.4]],
+        [1],
+        [],
+        [(0, 1, 2)],
+        axes=(0, 2),
+        point_mass=((0, m1), (2, m2)),
+        stiffness=k,
+        rest_length=2.4 - 17.0 / k,
+        gravity=g,
+    )
+    times = grid(1.0, 0.05)
+    result = kernel.simulate(model, held(model, times), method=method, tolerance=1e-11, max_step=2e-4)
+    inverse = 1.0 / m1 + 1.0 / m2
+    omega, stretch = np.sqrt(k * inverse), 17.0 / k
+    rest = 2.0 * g / (k * inverse)  # elongation about which it oscillates
+    wave, area = np.cos(omega * times), (1.0 - np.cos(omega * times)) / omega**2
+    tension = k * (rest + (stretch - rest) * wave)
+    pulled = k * (rest * 0.5 * times**2 + (stretch - rest) * area)  # twice integrated
+    near = {"rk4": 1e-7, "ros2": 2e-4}.get(method, 1e-9)
+    np.testing.assert_allclose(result.position[:, 0, 2], -1.0 - 0.5 * g * times**2 + pulled / m1, rtol=0, atol=near)
+    np.testing.assert_allclose(result.position[:, 2, 2], -1.4 - 0.5 * g * times**2 + pulled / m2, rtol=0, atol=near)
+    np.testing.assert_allclose(result.string_force[:, 0], tension, rtol=0, atol=2e3 * near)
+    np.testing.assert_allclose(result.reaction[:, 1, 2], 2.0 * tension, rtol=0, atol=4e3 * near)
+    assert np.array_equal(result.position[:, :, 0], np.zeros((len(times), 3)))
+
+
+def test_a_spring_that_pushes_swings_on_both_sides_of_its_rest_length():
+    """No transition at the rest length, and under tension_only nothing is clipped."""
+    m, k, d, start = 1.3, 400.0, 3.0, 0.06
+    for law in ("literal", "tension_only"):
+        model = by_hand(
+            [[0.0, 0.0, 0.0], [1.0 + start, 0.0, 0.0]],
+            [0],
+            [],
+            [(0, 1)],
+            point_mass=((1, m),),
+            stiffness=k,
+            damping=d,
+            rest_length=1.0,
+            two_way=(True,),
+            damping_law=law,
+        )
+        times = grid(2.0, 0.01)
+        result = kernel.simulate(model, held(model, times), tolerance=1e-12)
+        rate = 0.5 * d / m
+        omega = np.sqrt(k / m - rate**2)
+        x = start * np.exp(-rate * times) * (np.cos(omega * times) + rate / omega * np.sin(omega * times))
+        np.testing.assert_allclose(result.position[:, 1, 0], 1.0 + x, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(result.elastic_force[:, 0], k * x, rtol=0, atol=1e-7)
+        assert x.min() < -0.02 and result.transitions == [] and result.ledger_error() < 1e-11
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+def test_masses_of_strings_are_point_masses(law):
+    """To the last bit where the shares are, and no more than round-off in the energies."""
+    model = rigged(law)
+    shares = dict(model.point_mass)
+    for string, node, share in model.string_mass_shares:
+        shares[node] = shares.get(node, 0.0) + share * model.string_mass[string]
+    bare = replace(model, string_mass=np.zeros(len(model.strings)), point_mass=tuple(sorted(shares.items())))
+    assert len(shares) > len(model.point_mass) and len(model.string_mass_shares) > 8
+    ours, theirs = (kernel.simulate(one, drive(one), tolerance=1e-9) for one in (model, bare))
+    for name in ("position", "velocity", "string_force", "bar_force", "reaction", "potential", "kinetic", "input_work"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_a_string_over_a_node_on_its_way_is_the_string_without_it():
+    """A mass that a taut string runs straight through, at rest, feels nothing."""
+    nodes = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    options = dict(point_mass=((1, 0.4), (2, 1.0)), stiffness=250.0, damping=4.0, rest_length=0.95)
+    routed = by_hand(nodes, [0], [], [(0, 1, 2)], **options)
+    straight = by_hand(nodes, [0], [], [(0, 2)], **options)
+    ours, theirs = (kernel.simulate(one, held(one, grid(0.5, 0.01)), tolerance=1e-12) for one in (routed, straight))
+    np.testing.assert_allclose(ours.position, theirs.position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ours.string_length, theirs.string_length, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+def test_kernel_and_reference_agree(law, duration=1.0):
+    """Everything moving."""
+    model = rigged(law)
+    inputs = drive(model, duration, 0.05)
+    ours, theirs = kernel.simulate(model, inputs, tolerance=1e-11), reference.simulate(model, inputs)
+    np.testing.assert_allclose(ours.position, theirs.position, rtol=0, atol=1e-7)
+    scale = 1e-3 + 1e-6 * np.abs(theirs.string_force).max()
+    np.testing.assert_allclose(ours.string_force, theirs.string_force, rtol=0, atol=scale)
+    np.testing.assert_allclose(ours.reaction, theirs.reaction, rtol=0, atol=20 * scale)
+    np.testing.assert_allclose(ours.bar_force, theirs.bar_force, rtol=0, atol=20 * scale)
+    assert ours.ledger_error() < 1e-8 and theirs.ledger_error() < 1e-8
+    assert [(t.string, t.before, t.after) for t in ours.transitions] == [
+        (t.string, t.before, t.after) for t in theirs.transitions
+    ]
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+@pytest.mark.parametrize("method", ["rodas5p", "radau9", "dopri5", "auto"])
+def test_methods_agree(method, law):
+    model = rigged(law)
+    inputs = drive(model)
+    a = kernel.simulate(model, inputs, method="dop853", tolerance=1e-11)
+    b = kernel.simulate(model, inputs, method=method, tolerance=1e-11)
+    np.testing.assert_allclose(a.position, b.position, rtol=0, atol=1e-8)
+    assert [(t.string, t.before, t.after) for t in a.transitions] == [(t.string, t.before, t.after) for t in b.transitions]
+    assert a.ledger_error() < 1e-9 and b.ledger_error() < 1e-9
+
+
+@pytest.mark.parametrize("method, order", [("rk4", 4), ("ros2", 2)])
+def test_methods_of_fixed_step_keep_their_order(method, order):
+    model = rigged()
+    inputs = drive(model, 0.4, 0.1)
+    exact = kernel.simulate(model, inputs, method="dop853", tolerance=1e-12).position[-1]
+    errors = [
+        np.abs(kernel.simulate(model, inputs, method=method, max_step=step).position[-1] - exact).max()
+        for step in (1e-3, 5e-4, 2.5e-4)
+    ]
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert rates.min() > order - 0.35, (errors, rates)
+
+
+@pytest.mark.parametrize("law", ["literal", "tension_only"])
+def test_jacobian_is_the_derivative(law):
+    """By positions, rates and time, at several states."""
+    model = rigged(law)
+    k = Kernel(model)
+    k.initialize()
+    random = np.random.default_rng(5)
+    k.slopes[:] = random.normal(size=k.slopes.shape) * 0.1
+    y0 = k.state.copy()
+    nq = (len(y0) - 3) // 2
+    for _ in range(3):
+        y = y0.copy()
+        y[: 2 * nq] += random.normal(size=2 * nq) * np.repeat([0.005, 0.3], nq)
+        Jq, Jv, ft = k.jacobian(y, 0.01)
+        h = 1e-6
+        columns = np.eye(len(y))[: 2 * nq] * h
+        found = np.array([(k.derivative(y + e, 0.01) - k.derivative(y - e, 0.01))[nq : 2 * nq] / (2.0 * h) for e in columns]).T
+        by_time = (k.derivative(y, 0.01 + 1e-5) - k.derivative(y, 0.01 - 1e-5))[nq : 2 * nq] / 2e-5
+        np.testing.assert_allclose(np.hstack((Jq, Jv)), found, rtol=0, atol=2e-7 * np.abs(found).max())
+        np.testing.assert_allclose(ft, by_time, rtol=0, atol=1e-6 * np.abs(by_time).max())
+        assert np.abs(by_time).max() > 1.0
+
+
+def test_a_saved_state_goes_on_with_the_same_bits():
+    k = Kernel(rigged())
+    k.initialize()
+    for _ in range(30):
+        k.step(0.004)
+    kept = k.save()
+    first = [k.step(0.004) or k.values.copy() for _ in range(20)]
+    k.restore(kept)
+    again = [k.step(0.004) or k.values.copy() for _ in range(20)]
+    assert np.array_equal(first, again)
+
+
+def test_the_packed_model_comes_back():
+    model = rigged()
+    names = model.node_names, model.bar_names, model.string_names
+    back = from_bytes(to_bytes(model), *names, model.axes, model.name, model.description)
+    assert to_bytes(back) == to_bytes(model)
+    assert back.routes == model.routes and back.string_mass_shares == model.string_mass_shares
+    assert np.array_equal(back.string_mass, model.string_mass) and np.array_equal(back.two_way, model.two_way)
+
+
+def test_a_node_that_only_a_string_gives_mass_cannot_lose_it():
+    nodes = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [1.0, 0.0, 0.0]]
+    options = dict(stiffness=250.0, rest_length=0.9, string_mass=np.array([0.2]))
+    model = by_hand(nodes, [0, 2], [], [(0, 1, 2)], **options)
+    k = Kernel(model)
+    k.initialize()
+    k.step(0.01)
+    assert k["velocity"][1] < 0.0
+    k.reset()
+    k["string_mass"][0] = 0.0
+    with pytest.raises(InputError, match="must be positive"):
+        k.initialize()
+
+
+def test_what_a_scene_does_not_have_takes_no_room():
+    model = built(PENDULUM)
+    sizes = np.frombuffer(to_bytes(model), "<i4", len(model.counts) + 9, 8)[-4:]
+    assert not sizes.any() and model.counts["M"] == 0
+
+
+if __name__ == "__main__":
+    for damping_law in ("literal", "tension_only"):
+        test_kernel_and_reference_agree(damping_law, float(sys.argv[1]))
+        print(damping_law, "agrees")
