@@ -4,10 +4,10 @@ Along r orthonormal directions y that keep the bars' lengths, small motions obey
 
     M y'' + C y' + K y = 0,
 
-M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair) and point masses, C = sum d u u^T over
-the taut strings with direction u, d a damper's slope at rest, and the nodes' drag, K the tangent stiffness with its geometric
-part.  Actuators hold their strings' rest lengths: their drums stand still, as in statics.  Solutions y = phi exp(lambda t)
-are eigenvectors of
+M from the bars (a thin rigid bar of mass m gives m/3 to each end and m/6 to the pair), point masses and strings' masses,
+C = sum d u u^T over the taut strings, u the slope of a string's length (plus or minus its direction, at its ends), d a damper's
+slope at rest, and the nodes' drag, K the tangent stiffness with its geometric part.  Actuators hold their strings' rest
+lengths: their drums stand still, as in statics.  Solutions y = phi exp(lambda t) are eigenvectors of
 
     [0 1; -M^-1 K -M^-1 C]   (Tisseur and Meerbergen, "The quadratic eigenvalue problem", 2001, section 3.4).
 
@@ -85,10 +85,9 @@ def matrices(model: Model, force=None) -> Matrices:
     """
     statics.require_small(model, "finding its modes")
     point = statics.Surface(model, force, _Plain).at(statics.free_rows(model, model.nodes))
-    strings = model.strings
-    length = statics.lengths_between(model.nodes, strings)
-    growth = -statics.equilibrium_matrix(model)[:, : len(strings)].T @ point.basis
-    damping = (growth.T * np.where(length > model.rest_length, slopes_at_rest(model), 0.0)) @ growth
+    taut = (model.string_lengths(model.nodes) > model.rest_length) | model.two_way
+    growth = -statics.equilibrium_matrix(model)[:, : len(taut)].T @ point.basis
+    damping = (growth.T * np.where(taut, slopes_at_rest(model), 0.0)) @ growth
     drag = _at_nodes(model, dict(model.drag))
     damping += (point.basis.T * drag) @ point.basis
     mass = point.basis.T @ mass_matrix(model) @ point.basis
@@ -113,14 +112,15 @@ def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:
 
 
 def mass_matrix(model: Model) -> np.ndarray:
-    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars, and point masses; fixed nodes left out."""
+    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars, point masses, and what strings have at their
+    nodes; fixed nodes left out."""
     place = statics.places(model)
     first, second = np.moveaxis(place[model.bars], 1, 0)  # (B, D) each
     rows, columns = np.stack([first, first, second, second]), np.stack([first, second, first, second])
     share = (model.bar_mass / np.array([[3.0], [6.0], [6.0], [3.0]]))[:, :, None]
     n = statics.freedoms(model)
     full = statics.Dense(rows, columns, (n, n))(np.broadcast_to(share, rows.shape))
-    full[np.diag_indices(n)] += _at_nodes(model, dict(model.point_mass))
+    full[np.diag_indices(n)] += _at_nodes(model, model.payload)
     return full
 
 

@@ -21,6 +21,7 @@ from ..model import Model
 from ..model.elements import Element, Spring
 from .elements import law
 from .panels import DEGREE, NoPanels, Panel, table
+from .two_way import TwoWay
 
 MOST_KNOWN = 1000  # combinations of pieces that are kept ready
 TOUCH = 1e-11  # m: a string as near as this to the end of its piece is at its end
@@ -38,7 +39,9 @@ def string_laws(model: Model) -> StringLaws:
         )
     stiffness = tuple(model.stiffness.tolist())
     try:
-        return _made(tuple(model.elements.get(i, Spring(k)) for i, k in enumerate(stiffness)), stiffness)
+        pushing = model.two_way.tolist()
+        plain = (TwoWay(k) if two_way else Spring(k) for k, two_way in zip(stiffness, pushing))
+        return _made(tuple(model.elements.get(i, one) for i, one in enumerate(plain)), stiffness)
     except NoPanels as failure:
         raise InputError(
             f"string {model.string_names[failure.string]}: beyond an elongation of {failure.start:g} m its law "
@@ -50,14 +53,14 @@ def string_laws(model: Model) -> StringLaws:
 class StringLaws:
     """Tension, stiffness and energy of strings.  Make one with `string_laws`.
 
-    elements: what each string is made of; stiffness: of all strings, N/m.
+    elements: what each string is made of, or the law of a spring that also pushes; stiffness: of all strings, N/m.
 
     lower, upper: (S, P) m, the elongations at which each piece of each string begins and ends; narrow: (S,) m,
     what a step of the elongation must be small beside, inf where nothing falls.
     """
 
-    def __init__(self, elements: tuple[Element, ...], stiffness: tuple[float, ...]):
-        made, pieces = [law(element, k) for element, k in zip(elements, stiffness)], []
+    def __init__(self, elements: tuple[Element | TwoWay, ...], stiffness: tuple[float, ...]):
+        made, pieces = [one if isinstance(one, TwoWay) else law(one, k) for one, k in zip(elements, stiffness)], []
         for i, one in enumerate(made):
             try:
                 pieces.append([one.panels(piece) for piece in range(len(one.breakpoints) + 1)])

@@ -6,10 +6,10 @@ string's is its tension over its length) the unbalanced force and its derivative
     F = p - sum over members of q v at the second end and -q v at the first,   v: from the first end to the second,
     K = sum over members of [B -B; -B B],   B = k u u^T + q (1 - u u^T) of a string, q 1 of a bar,
 
-with a string's stiffness k and direction u = v/|v|.  Bars keep their lengths: the unknowns move along r orthonormal
-directions, the basis, and a step is brought back.  `Surface` asks for this with the strings' laws from slack or from their
-branches, `equilibria.equilibrium` with each string on a given piece, under a load that moves with a parameter, and
-`equilibria.saddle` with the bars' force densities as further unknowns.
+with a string's stiffness k and direction u = v/|v|; for routed strings see `routed`.  Bars keep their lengths: the unknowns
+move along r orthonormal directions, the basis, and a step is brought back.  `Surface` asks for this with the strings' laws from
+slack or from their branches, `equilibria.equilibrium` with each string on a given piece, under a load that moves with a
+parameter, and `equilibria.saddle` with the bars' force densities as further unknowns.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ class Balance(Members):
         self.bar_length = lengths_between(model.nominal, model.bars)
         axes = len(model.axes)
         self._matrix = self._stiffness_entries(matrix)
+        self._routes = self.routed.entries(matrix, self.size) if self.routed is not None else None
         self._values = np.empty((4, axes, axes, len(self._first[0])))  # B, -B, -B, B of every member
         self._blocks = self._values[0], self._values[1:3], self._values[3]
         self._along = np.einsum("iim->im", self._values[0])  # B along its diagonal
@@ -102,6 +103,15 @@ class Balance(Members):
 
     def stiffness(self, shape: Shape, stiffness: np.ndarray, density: np.ndarray) -> Matrix:
         """(n, n) N/m: K, from the strings' stiffnesses (S,), N/m, and all members' force densities (S+B,), N/m."""
+        if self.routed is None or self._routes is None or shape.ways is None:
+            return self._straight(shape, stiffness, density)
+        strings, density = self.routed.strings, density.copy()
+        tension, density[strings] = density[strings] * shape.ways.lengths, 0.0
+        routed = self.routed.stiffness(self._routes, shape.ways, stiffness[strings], tension)
+        return self._straight(shape, stiffness, density) + routed
+
+    def _straight(self, shape: Shape, stiffness: np.ndarray, density: np.ndarray) -> Matrix:
+        """The same of all members that join two nodes."""
         np.subtract(stiffness, density[: self._count], out=self._of_strings)
         unit = shape.vectors / shape.lengths
         block, across, last = self._blocks

@@ -12,6 +12,7 @@ import numpy as np
 from ..model import Model
 from ..model.welds import distances
 from .matrices import free_rows, freedoms
+from .routed import TINY, Routed, Ways
 
 
 def members(model: Model) -> np.ndarray:
@@ -28,25 +29,24 @@ def places(model: Model) -> np.ndarray:
     return place.reshape(-1, len(model.axes))
 
 
-#: Added to squared lengths, m2: keeps 0/0 out where a slack string's ends meet, and is lost in any other.
-TINY = 1e-300
-
-
 class Shape(NamedTuple):
     """Members at one configuration.  vectors: (D, S+B) m; squared, lengths: (S+B,) m2, m; length: (S,) m, of the strings;
-    free: (n,) m, the free coordinates."""
+    free: (n,) m, the free coordinates; ways: of routed strings, whose vectors are zero and whose lengths are those of the whole
+    way.  None: there are none."""
 
     vectors: np.ndarray
     squared: np.ndarray
     lengths: np.ndarray
     length: np.ndarray
     free: np.ndarray
+    ways: Ways | None = None
 
 
 class Members:
     """The members of a model at any free coordinates (n,).
 
-    size: n; wide: n and the fixed nodes' coordinates; place: (N, D), see `places`; start: (n,) m.
+    size: n; wide: n and the fixed nodes' coordinates; place: (N, D), see `places`; start: (n,) m; routed: None without routed
+    strings.
     """
 
     def __init__(self, model: Model):
@@ -57,6 +57,7 @@ class Members:
         self._held = model.nodes[:, model.axes][held]
         among = self.place.copy()  # in the free coordinates, followed by those of the fixed nodes
         among[held] = self.size + np.arange(len(self._held))
+        self.routed = Routed(model, among) if model.routes else None
         self._ends = np.ascontiguousarray(among[members(model)].transpose(1, 2, 0))  # (2, D, S+B)
         self._first, self._second = self._ends
         self.wide = self.size + len(self._held)
@@ -91,18 +92,30 @@ class Members:
         vectors = ends[1] - ends[0]
         squared = np.add.reduce(vectors * vectors)
         lengths = np.sqrt(squared + TINY)
-        return Shape(vectors, squared, lengths, lengths[: self._count], free)
+        if self.routed is None:
+            return Shape(vectors, squared, lengths, lengths[: self._count], free)
+        ways, strings = self.routed.ways(among), self.routed.strings
+        vectors[:, strings], squared[strings], lengths[strings] = 0.0, ways.lengths**2, ways.lengths
+        return Shape(vectors, squared, lengths, lengths[: self._count], free, ways)
 
     def lengths(self, free: np.ndarray) -> np.ndarray:
         """(S,) m, of the strings."""
-        first, second = np.concatenate((free, self._held)).take(self._ends_of_strings)
+        among = np.concatenate((free, self._held))
+        first, second = among.take(self._ends_of_strings)
         vectors = second - first
-        return np.sqrt(np.add.reduce(vectors * vectors))
+        found = np.sqrt(np.add.reduce(vectors * vectors))
+        if self.routed is not None:
+            found[self.routed.strings] = self.routed.ways(among).lengths
+        return found
 
     def unbalanced(self, shape: Shape, load: np.ndarray, density: np.ndarray) -> np.ndarray:
         """(n,) N: loads (n,) and the pull of the strings, or of all members, with these force densities, N/m."""
         pull = (density * shape.vectors[:, : len(density)]).ravel()
-        return np.bincount(self._pulled[len(density)], np.concatenate((load, pull, -pull)), self.wide)[: self.size]
+        found = np.bincount(self._pulled[len(density)], np.concatenate((load, pull, -pull)), self.wide)[: self.size]
+        if self.routed is None or shape.ways is None:
+            return found
+        tension = density[self.routed.strings] * shape.ways.lengths
+        return found + self.routed.pull(shape.ways, tension, self.wide)[: self.size]
 
     def bar_density(self, shape: Shape, force: np.ndarray) -> np.ndarray:
         """(B,) N/m: bar force densities that balance forces (n,) best; no two bars share a node."""
@@ -122,4 +135,6 @@ class Members:
         flat = rows.reshape(-1)
         flat[self._row_second] = shape.vectors
         flat[self._row_first] = -shape.vectors
+        if self.routed is not None and shape.ways is not None:
+            self.routed.fill(rows, shape.ways)
         return rows[:, : self.size]
