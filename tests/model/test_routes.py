@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tensegrity_core.errors import InputError
-from tensegrity_core.kernel import to_bytes
 from tests.support import by_hand, scene
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [0.0, 4.0, 12.0]])
@@ -62,17 +61,3 @@ def test_models_differ_by_each_of_them():
         assert dataclasses.replace(model, **change) != model
     plain = scene("two_bar")
     assert plain.routes == () and not plain.string_mass.any() and not plain.two_way.any() and plain.counts["M"] == 0
-
-
-@pytest.mark.parametrize(
-    "strings, fields, says",
-    [
-        ([(0, 1), (1, 2, 3)], {}, "string s2 runs over more than two nodes, which the kernel"),
-        ([(0, 1)], {"string_mass": [0.1]}, "string s1 has mass, which the kernel"),
-        ([(0, 1)], {"two_way": [True]}, "string s1 is a spring that also pushes"),
-    ],
-)
-def test_kernel_refuses(strings, fields, says):
-    """While the kernel knows none of it, it computes nothing wrong about it."""
-    with pytest.raises(InputError, match=f"{says}.*; use tensegrity_core.reference"):
-        to_bytes(woven(strings, **fields))
