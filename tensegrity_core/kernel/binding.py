@@ -27,7 +27,7 @@ BESIDE = Path(__file__).resolve().parent.parent / "native"
 
 class _Transition(ctypes.Structure):
     _fields_ = [("time", c_double), ("loss", c_double)]
-    _fields_ += [("string", c_int32), ("before", c_int32), ("after", c_int32), ("padding", c_int32)]
+    _fields_ += [("string", c_int32), ("before", c_int32), ("after", c_int32), ("contact", c_int32)]
 
 
 class _Piece(ctypes.Structure):
@@ -348,11 +348,13 @@ class Kernel:
         """Transitions of the last step, the first 4096 of them; `transition_count` says how many there were."""
         stored = self._library.ts_transition_stored(self._sim)
         records = self._library.ts_transitions(self._sim)
-        return [Transition(r.time, r.string, r.before, r.after, r.loss) for r in records[:stored]]
+        return [Transition(r.time, r.string, r.before, r.after, r.loss, r.contact) for r in records[:stored]]
 
     def consequence(self, transition: Transition) -> str:
         """What a transition means for its string: 'slack', 'taut', how many of its NSH's beams are snapped where that changes,
-        what a snap loses, or '' (a kink of the force curve)."""
+        what a snap loses, or '' (a kink of the force curve); of a contact its kind."""
+        if transition.contact >= 0:
+            return transition.kind
         pieces = transition.before, transition.after
         before, after = (self.snapped_on(transition.string, piece) for piece in pieces)
         found = []

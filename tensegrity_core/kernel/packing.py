@@ -104,8 +104,6 @@ class _Programs:
 
 def unknown(model: Model) -> tuple[str, str] | None:
     """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
-    if model.ground is not None:
-        return "it stands on the ground", "leave [ground] out"
     return (model.joint, "let every bar have its own nodes") if model.joint else None
 
 
@@ -138,10 +136,13 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
     ints += [*(bar for bar, _ in model.sections), *(string for string, _ in model.strength), *heavy]
     ints += [*programs.ints, *routes, *(n for place, node, _ in shares for n in (place, node)), *two_way]
+    ints += [contact.node for contact in model.contacts]
     ints += [0] * (len(ints) % 2)
     start = _parameters(model, tolerance, max_step)
     doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]
     doubles += [start[field.name] for field in FIELDS if field.role != "output"]
     doubles.append(np.array([share for _, _, share in shares]))
+    if model.contacts and model.ground is not None:
+        doubles += [np.array(model.ground.point)[axes], np.array(model.ground.normal)[axes]]
     body = MAGIC + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
     return body + fnv1a(body).to_bytes(8, "little")

@@ -38,10 +38,11 @@ typedef enum {
 typedef struct {
     double time;    /* s */
     double loss;    /* J, dissipated by a snap of a string with memory */
-    int32_t string; /* index */
-    int32_t before; /* 0: slack; else the piece of the force curve, of a string with memory 1 + its snapped parts */
+    int32_t string; /* index; -1: none, but a contact with the ground */
+    int32_t before; /* 0: slack; else the piece of the force curve, of a string with memory 1 + its snapped parts; of a contact
+                       0: apart, 1: sticking, 2: slipping, 3: clipped */
     int32_t after;
-    int32_t padding;
+    int32_t contact; /* index, -1: none */
 } ts_transition;
 
 /* Make a simulation from a packed model (kernel/packing.py, to_bytes).  NULL on failure, with the reason in message. */

@@ -9,7 +9,6 @@ import pytest
 
 from tensegrity_core import load
 from tensegrity_core.errors import InputError, SceneError
-from tensegrity_core.kernel import to_bytes
 from tensegrity_core.model import Contact, Ground, grid
 from tensegrity_core.model.signals import driven
 from tensegrity_core.scene.schema import scene_schema
@@ -101,12 +100,6 @@ def test_the_height_of_the_ground_is_a_signal(tmp_path):
         driven(model, times, {"ground.height": 0.1})
     with pytest.raises(InputError, match="ground.acceleration follows from ground.velocity"):
         driven(model, times, {"ground.acceleration": 0.1})
-
-
-def test_kernel_refuses(tmp_path):
-    """While the kernel knows no ground it computes nothing wrong about it."""
-    with pytest.raises(InputError, match="stick: it stands on the ground, which the kernel.*; use tensegrity_core.reference"):
-        to_bytes(stick(tmp_path))
 
 
 def test_schema_knows_the_ground():

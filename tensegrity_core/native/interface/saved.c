@@ -16,7 +16,8 @@
 #define STATE_MAGIC 0x3254415453534e54u /* "TNSSTAT2" */
 #define MOST_COUNTED 1000000000000000   /* of anything in ts_stats(); twice as much can still be counted by ones in a double */
 
-/* A saved state: header, memory, values, slopes and both as applied, y, integers, pieces, clipping, hash. */
+/* A saved state: header, memory, values, slopes and both as applied, y, integers, pieces, clipping, modes and
+ * bristles of contacts, open step, hash. */
 typedef struct {
     uint64_t magic, model;
 } state_header;
@@ -41,6 +42,8 @@ static size_t copy_state(ts_sim *sim, char *at, enum copy direction)
         {sim->io.integers, sizeof(int32_t) * (size_t)m->n_int},
         {sim->state.piece, S},
         {sim->state.clipped, S},
+        {sim->state.mode, (size_t)m->count[TS_K] * sizeof(int32_t)},
+        {sim->state.bristle, (size_t)(m->count[TS_K] * m->count[TS_D]) * sizeof(double)},
         {sim->ahead.all, sizeof(double) * sim->ahead.size},
     };
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) {
@@ -105,13 +108,15 @@ static int is_possible(const ts_sim *sim)
     const int S = sim->m.count[TS_S], method = sim->io.integers[sim->m.int_at[TS_INT_METHOD]];
     int possible =
         memory->method >= 0 && memory->method < TS_METHOD_COUNT && memory->active > 0 && memory->active < TS_METHOD_COUNT;
-    possible =
-        possible && method >= 0 && method < TS_METHOD_COUNT && memory->span.which < 2 * S && ts_choice_is_possible(memory);
+    possible = possible && method >= 0 && method < TS_METHOD_COUNT &&
+               memory->span.which < 2 * S + TS_WATCHES * sim->m.count[TS_K] && ts_choice_is_possible(memory);
     possible = possible && memory->span.method >= 0 && memory->span.method < TS_METHOD_COUNT;
     possible = possible && (memory->span.h > 0.0 ? memory->span.method > 0 && is_open(&memory->span) : memory->span.h == 0.0);
     for (int i = 0; i < S; i++)
         possible = possible && sim->state.piece[i] >= 0 && sim->state.piece[i] < sim->laws.curve[i].pieces;
-    return possible;
+    for (int k = 0; k < sim->m.count[TS_K]; k++)
+        possible = possible && sim->state.mode[k] >= 0 && sim->state.mode[k] < TS_CONTACT_MODES;
+    return possible && ts_all_finite(sim->state.bristle, sim->m.count[TS_K] * sim->m.count[TS_D]);
 }
 
 int ts_restore(ts_sim *sim, const void *bytes, size_t size)

@@ -112,6 +112,15 @@ static void apply(const ts_model *m, ts_io *io)
     memcpy(io->applied_slopes, io->slopes, 2 * sizeof(double) * (size_t)m->n_inputs);
 }
 
+/* Where a step's backup has the bristles. */
+static double *bristles(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    return sim->undo.reals + m->n_real + m->n_applied + 2 * m->n_inputs + m->ny;
+}
+
+static size_t bristle_size(const ts_sim *sim) { return sizeof(double) * (size_t)(sim->m.count[TS_K] * sim->m.count[TS_D]); }
+
 int ts_initialize(ts_sim *sim, double time)
 {
     const ts_model *m = &sim->m;
@@ -143,6 +152,8 @@ int ts_initialize(ts_sim *sim, double time)
     ts_jump_bases(sim, NULL, NULL, 0.0);
     /* strings with memory come from slack; what that dissipated was before the start */
     memset(sim->state.piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);
+    memset(sim->state.mode, 0, sizeof(int32_t) * (size_t)m->count[TS_K]);
+    memset(sim->state.bristle, 0, bristle_size(sim));
     ts_place_all(sim);
     sim->told.count = sim->memory.stats[TS_TRANSITIONS] = 0;
     ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
@@ -165,6 +176,8 @@ static void backup(ts_sim *sim, ts_memory *memory)
     memcpy(sim->undo.reals, sim->state.y, sizeof(double) * (size_t)sim->m.ny);
     memcpy(sim->undo.integers, sim->state.piece, sizeof(int32_t) * S);
     memcpy(sim->undo.integers + S, sim->state.clipped, sizeof(int32_t) * S);
+    memcpy(sim->undo.integers + 2 * S, sim->state.mode, sizeof(int32_t) * (size_t)sim->m.count[TS_K]);
+    memcpy(bristles(sim), sim->state.bristle, bristle_size(sim));
     if (memory->span.h > 0.0) memcpy(sim->ahead.backup, sim->ahead.all, sizeof(double) * sim->ahead.size);
 }
 
@@ -177,6 +190,8 @@ static void undo(ts_sim *sim, const ts_memory *memory, const ts_demand *demand)
     memcpy(sim->state.y, sim->undo.reals, sizeof(double) * (size_t)sim->m.ny);
     memcpy(sim->state.piece, sim->undo.integers, sizeof(int32_t) * S);
     memcpy(sim->state.clipped, sim->undo.integers + S, sizeof(int32_t) * S);
+    memcpy(sim->state.mode, sim->undo.integers + 2 * S, sizeof(int32_t) * (size_t)sim->m.count[TS_K]);
+    memcpy(sim->state.bristle, bristles(sim), bristle_size(sim));
     if (memory->span.h > 0.0) memcpy(sim->ahead.all, sim->ahead.backup, sizeof(double) * sim->ahead.size);
     ts_swap_applied(sim);
     ts_derive(sim);
@@ -328,6 +343,10 @@ void ts_carry_inputs(ts_sim *sim)
         v[place + i] += (speed + 0.5 * bend * h) * h;
         v[velocity + i] += bend * h;
     }
+    const int height = m->at[TS_GROUND_HEIGHT], rise = m->at[TS_GROUND_VELOCITY], bent = m->at[TS_GROUND_ACCELERATION];
+    if (!m->count[TS_W] || v[height] != was[height] || v[rise] != was[rise] || v[bent] != was[bent]) return;
+    v[height] += (v[rise] + 0.5 * v[bent] * h) * h;
+    v[rise] += v[bent] * h;
 }
 
 static int take_now(ts_sim *sim)

@@ -15,6 +15,10 @@
 #define TS_MAX_TRANSITIONS 4096 /* stored per call; the count goes on */
 #define TS_CHOICES 4            /* methods that `auto` chooses from */
 #define TS_TRIALS 4             /* kinds of trials that it makes */
+#define TS_WATCHES 3            /* of a contact: its normal end, its clipping, its friction */
+
+/* What a contact does: where the ground presses the node sticks or slips; where it would have to pull, it is clipped. */
+enum { TS_APART, TS_STICKING, TS_SLIPPING, TS_CLIPPED_CONTACT, TS_CONTACT_MODES };
 
 /* The step at hand.  While inputs stay, the last step of a call may end past its communication point: outputs there, and the
  * calls that follow, then come from its dense output until its end, or its first transition, is reached. */
@@ -95,6 +99,10 @@ typedef struct {
     double *y;        /* (ny) coordinates, m; their rates, m/s; the ledger, J */
     int32_t *piece;   /* (S) of the force curve */
     int32_t *clipped; /* (S) tension_only: the damper outweighs the spring, no tension */
+    int32_t *mode;    /* (K) of a contact, TS_APART ... */
+    double
+        *bristle; /* (K, D) where it sticks the place at which its bristle is at rest, m; where it slips in a planar scene the
+                         direction; else 0 */
 } ts_motion_state;
 
 /* Masses and gravity over the present step: ts_weigh(). */
@@ -151,6 +159,28 @@ typedef struct {
     double *route_extremes;           /* (routes, 2) lowest, highest of routed strings, while lines are worked out */
     int64_t evaluations;              /* how often all this has been written, node forces also by outputs */
 } ts_strings;
+
+/* A node and the ground: contact.c. */
+typedef struct {
+    double delta, rate;       /* penetration, m, and its rate, m/s */
+    double vt[3];             /* velocity in the plane, m/s */
+    double u[3];              /* sticking: deflection of the bristle, m; slipping: direction of slip; else 0 */
+    double normal;            /* force N along the normal, N; negative past the end of what its mode allows */
+    double reach;             /* deflection mu N/k_t at which the bristle slips, m */
+    double by_delta, by_rate; /* dN/d(delta), N/m; dN/d(delta'), N s/m */
+    double size;              /* of the numbers that delta comes from, m */
+} ts_touch;
+
+/* The ground and what it does to nodes: ts_raise_ground() at the step's start, ts_press() in every right-hand side. */
+typedef struct {
+    double start[5];    /* height along the normal and its first four derivatives at the step's start, m, m/s, ... */
+    double now[3];      /* height, rate, acceleration, m, m/s, m/s2 */
+    double least_time;  /* s, a direction of slip follows the velocity no faster, see contact.c */
+    ts_touch *touch;    /* (K) what the last evaluation found */
+    double *margin;     /* (K, TS_WATCHES) how far each watch is from crossing, see steps/contacts.c */
+    double *low, *high; /* (K, TS_WATCHES) extremes of the margins since the attempt began */
+    double *end;        /* (K, TS_WATCHES) margins at the end of the step at hand */
+} ts_ground;
 
 /* Where the present step starts: steps/integrate.c. */
 typedef struct {
@@ -219,8 +249,8 @@ typedef struct {
 
 /* What a call that fails restores: interface/. */
 typedef struct {
-    double *reals;     /* (n_real + n_applied + 2 n_inputs + ny) */
-    int32_t *integers; /* (n_int + 2 S) */
+    double *reals;     /* (n_real + n_applied + 2 n_inputs + ny + K D) */
+    int32_t *integers; /* (n_int + 2 S + K) */
     double *watched;   /* (n_real + 2 n_inputs) values and slopes of a watched step */
 } ts_undo;
 
@@ -258,6 +288,7 @@ struct ts_sim {
     ts_bases bases;
     ts_bearing on;
     ts_strings strings;
+    ts_ground ground;
     ts_step_start start;
     ts_step_ahead ahead;
     ts_attempt attempt;

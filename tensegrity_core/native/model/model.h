@@ -2,7 +2,8 @@
  *
  * Generalised coordinates.  The state is a list of blocks of D numbers: a free bar has two blocks, its centre r and its
  * vector b; a pinned bar has one, c = tip - base; a point mass on no bar has one, its position.  A node's position is (r or its
- * anchor) + coef * block.  Blocks of bars carry the projector that keeps their length. */
+ * anchor) + coef * block.  Blocks of bars carry the projector that keeps their length.  Behind them stand the blocks of contacts,
+ * in space, and of actuators. */
 #ifndef TENSEGRITY_MODEL_H
 #define TENSEGRITY_MODEL_H
 
@@ -39,11 +40,13 @@ typedef struct {
     const int32_t *route;                  /* (route_ints) per routed string: itself, how many nodes, the nodes in order */
     const int32_t *sharing;                /* (shares, 2) of a string's mass: its number among the M, node */
     const int32_t *two_way;                /* (two_way_count) strings that also push */
+    const int32_t *touching;               /* (K) nodes that may touch the ground */
     const int32_t *program;                /* (program_ints) force laws, see kernel/packing.py */
     const double *program_values;          /* (program_doubles) */
     const double *node, *velocity;         /* (N, D) positions, m, and velocities, m/s, at the start */
     const double *start;                   /* (n_applied) defaults of inputs and parameters */
     const double *share;                   /* (shares) parts of the strings' masses */
+    const double *ground;                  /* (2, D) where there are such nodes: a point of the ground, m; its unit normal */
     int32_t program_ints, program_doubles; /* sizes */
     int32_t routes, route_ints, shares, two_way_count;
     int32_t method; /* TS_METHOD_... */
@@ -120,8 +123,14 @@ typedef struct {
     int32_t *mover;     /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
     int32_t *mover_bar; /* (E) bar that is pinned there, -1: none */
     int32_t *winder;    /* (S) actuator that winds the string, or -1 */
-    int32_t any;        /* there is a point mass, drag, a moved node, an actuator or a routed string, see drives.c, routes.c */
+    int32_t any;        /* there is a point mass, drag, a moved node, an actuator, a routed string or a ground: drives.c, ... */
 } ts_drives;
+
+/* Nodes that may touch the ground: lay_out_contacts(). */
+typedef struct {
+    int32_t *block;   /* (K) block of the direction in which it slips, -1: none, in a planar scene */
+    int32_t directed; /* how many have one */
+} ts_contacts;
 
 typedef struct {
     /* sizes */
@@ -142,6 +151,7 @@ typedef struct {
     ts_nodes node;
     ts_lines string;
     ts_drives drive;
+    ts_contacts contact;
     double *y_start; /* (stride) the state at the start, m, m/s, J */
 } ts_model;
 

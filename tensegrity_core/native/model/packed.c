@@ -5,9 +5,10 @@
  * of the beams (S), places of elements (S, 2) and dampers (S, 2) in the programs, nodes with a point mass (P), with drag (R), moved
  * nodes (E), strings with an actuator (A), bars with a section (C), strings with a strength (T), with mass (M), programs, routed
  * strings (of each itself, the number of its nodes, the nodes), shares in strings' masses (of each the number of its string among
- * the M, the node), strings that push, one 0 where the number of int32 is odd; doubles: nodes (N, D), velocities (N, D), programs,
- * start values of all inputs and parameters, the shares; uint64: FNV-1a hash of everything before it.  Programs: force laws as
- * trees in prefix order, see kernel/packing.py. */
+ * the M, the node), strings that push, nodes that may touch the ground (K), one 0 where the number of int32 is odd; doubles: nodes
+ * (N, D), velocities (N, D), programs, start values of all inputs and parameters, the shares, where K is not 0 the ground's point
+ * (D) and unit normal (D); uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see
+ * kernel/packing.py. */
 #include "model/packed.h"
 #include "invariants.h"
 #include "linear/pairs.h"
@@ -93,6 +94,7 @@ static void take_model(ts_model *m, arena *a)
     TAKE(m->string.two_way, S), TAKE(m->string.beam_first, S), TAKE(m->string.curved, S);
     TAKE(m->string.with_curve, S), TAKE(m->string.with_damper, S);
     TAKE(m->drive.mover, N), TAKE(m->drive.mover_bar, m->count[TS_E]), TAKE(m->drive.winder, S), TAKE(m->y_start, m->stride);
+    TAKE(m->contact.block, m->count[TS_K]);
 }
 
 /* What the caller sees, and the state. */
@@ -106,8 +108,10 @@ static void take_state(ts_sim *sim, arena *a)
     TAKE(io->values, m->n_real), TAKE(io->applied, m->n_applied), TAKE(io->integers, m->n_int);
     TAKE(io->slopes, 2 * m->n_inputs), TAKE(io->applied_slopes, 2 * m->n_inputs);
     TAKE(sim->state.y, m->stride), TAKE(sim->state.piece, S), TAKE(sim->state.clipped, S);
+    TAKE(sim->state.mode, m->count[TS_K]), TAKE(sim->state.bristle, m->count[TS_K] * m->count[TS_D]);
     TAKE(sim->told.transitions, TS_MAX_TRANSITIONS);
-    TAKE(sim->undo.reals, m->n_real + m->n_applied + 2 * m->n_inputs + m->ny), TAKE(sim->undo.integers, m->n_int + 2 * S);
+    TAKE(sim->undo.reals, m->n_real + m->n_applied + 2 * m->n_inputs + m->ny + m->count[TS_K] * m->count[TS_D]);
+    TAKE(sim->undo.integers, m->n_int + 2 * S + m->count[TS_K]);
     TAKE(sim->undo.watched, m->n_real + 2 * m->n_inputs), TAKE(sim->demand.group, m->n_real + m->n_int);
 }
 
@@ -130,6 +134,9 @@ static void take_forces(ts_sim *sim, arena *a)
     TAKE(found->node_force, N * D), TAKE(found->lowest, lanes), TAKE(found->highest, lanes);
     TAKE(found->sign_changed, S), TAKE(found->margin_low, S), TAKE(found->margin_high, S);
     TAKE(found->route_extremes, 2 * m->packed.routes);
+    const int K = m->count[TS_K], watches = TS_WATCHES * K;
+    TAKE(sim->ground.touch, K), TAKE(sim->ground.margin, watches), TAKE(sim->ground.low, watches);
+    TAKE(sim->ground.high, watches), TAKE(sim->ground.end, watches);
 }
 
 /* What a step works with. */
@@ -202,6 +209,11 @@ static const char *check(const ts_model *m)
         if (m->packed.wound[i] < 0 || m->packed.wound[i] >= S) return "an actuator names an unknown string";
     for (int i = 0; i < m->count[TS_M]; i++)
         if (m->packed.heavy[i] < 0 || m->packed.heavy[i] >= S) return "a mass names an unknown string";
+    for (int k = 0; k < m->count[TS_K]; k++) {
+        if (m->packed.touching[k] < 0 || m->packed.touching[k] >= N) return "a contact names an unknown node";
+        if (m->packed.fixed[m->packed.touching[k]]) return "a node that touches the ground is fixed";
+    }
+    if (m->count[TS_W] > 1 || (m->count[TS_W] && !m->count[TS_K])) return "a moving ground has no contacts, or several heights";
     if (fixed != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
     if (beams != m->count[TS_Z] || with != m->count[TS_H]) return "the beams do not add up";
     return ts_check_routes(m);
@@ -305,8 +317,21 @@ static const char *lay_out_drives(ts_model *m)
     }
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->packed.fixed[m->packed.dragged[r]]) return "a node with drag is fixed";
-    m->drive.any = m->node.massed_count + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] + m->string.route_count > 0;
+    m->drive.any = m->node.massed_count + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
+    m->drive.any |= m->string.route_count + m->count[TS_K] > 0;
     return NULL;
+}
+
+/* Blocks of contacts, behind those of bars and masses. */
+static void lay_out_contacts(ts_model *m)
+{
+    int block = m->blocks - m->count[TS_A] - m->contact.directed;
+    for (int k = 0; k < m->count[TS_K]; k++) {
+        m->contact.block[k] = m->contact.directed ? block : -1;
+        if (!m->contact.directed) continue;
+        m->block.bar[block] = -1;
+        m->block.turns[block++] = 0;
+    }
 }
 
 static void add_node(ts_model *m, int line, int node, double sign)
@@ -367,7 +392,7 @@ static size_t int_count(const ts_model *m)
     size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 8 * (size_t)count[TS_S];
     n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A];
     n += (size_t)count[TS_C] + (size_t)count[TS_T] + (size_t)count[TS_M] + (size_t)m->packed.program_ints;
-    n += (size_t)m->packed.route_ints + 2 * (size_t)m->packed.shares + (size_t)m->packed.two_way_count;
+    n += (size_t)m->packed.route_ints + 2 * (size_t)m->packed.shares + (size_t)m->packed.two_way_count + (size_t)count[TS_K];
     return n + n % 2;
 }
 
@@ -406,6 +431,7 @@ static const char *read_header(ts_model *m, const char *bytes, size_t size)
     m->n_inputs = m->at[TS_STIFFNESS];
     size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
     doubles += (size_t)m->packed.program_doubles + (size_t)m->packed.shares;
+    doubles += m->count[TS_K] ? 2 * (size_t)m->count[TS_D] : 0;
     if (size != 8 + 4 * int_count(m) + 8 * doubles + 8) return "the length is wrong";
     return NULL;
 }
@@ -431,7 +457,8 @@ static void count_blocks(ts_sim *sim)
     for (int i = 0; i < m->count[TS_B]; i++)
         m->bar.pinned_count += m->packed.fixed[m->packed.bars[2 * i]] || m->packed.fixed[m->packed.bars[2 * i + 1]];
     m->bar.floating_count = m->count[TS_B] - m->bar.pinned_count;
-    m->blocks = m->bar.pinned_count + 2 * m->bar.floating_count + m->node.lone_count +
+    m->contact.directed = m->count[TS_D] == 3 ? m->count[TS_K] : 0;
+    m->blocks = m->bar.pinned_count + 2 * m->bar.floating_count + m->node.lone_count + m->contact.directed +
                 m->count[TS_A]; /* of an actuator's only the first number is used */
     m->nq = m->blocks * m->count[TS_D];
     m->ny = 2 * m->nq + TS_LEDGER;
@@ -449,13 +476,15 @@ static void couple(int32_t *couples, size_t *count, int32_t a, int32_t b)
     ++*count;
 }
 
-/* The Jacobian's pattern: blocks that hang on one string are coupled, an actuator's with them, and those of a free bar by drag. */
+/* The Jacobian's pattern: blocks that hang on one string are coupled, an actuator's with them, and those of a free bar by drag or
+ * by contact with the ground, a direction of slip with them. */
 static const char *lay_out_matrices(ts_sim *sim)
 {
     ts_model *m = &sim->m;
     size_t D = (size_t)m->count[TS_D], count = 0;
     const size_t lines = (size_t)m->string.count, routed = ts_route_places(m) + ts_route_blocks(m);
-    int32_t *couples = (int32_t *)malloc(2 * sizeof *couples * (10 * lines + routed + (size_t)m->count[TS_R] + 1));
+    const size_t most = 10 * lines + routed + (size_t)m->count[TS_R] + 3 * (size_t)m->count[TS_K] + 1;
+    int32_t *couples = (int32_t *)malloc(2 * sizeof *couples * most);
     if (!couples) return "out of memory";
     for (int i = 0; i < m->string.count; i++)
         for (int a = 0; a < m->string.term_count[i]; a++) {
@@ -475,6 +504,13 @@ static const char *lay_out_matrices(ts_sim *sim)
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->node.centre[m->packed.dragged[r]] >= 0)
             couple(couples, &count, m->node.centre[m->packed.dragged[r]], m->node.block[m->packed.dragged[r]]);
+    for (int k = 0; k < m->count[TS_K]; k++) {
+        int centre = m->node.centre[m->packed.touching[k]], block = m->node.block[m->packed.touching[k]];
+        if (centre >= 0) couple(couples, &count, centre, block);
+        if (m->contact.block[k] < 0) continue;
+        couple(couples, &count, block, m->contact.block[k]);
+        if (centre >= 0) couple(couples, &count, centre, m->contact.block[k]);
+    }
     int made = ts_pattern_make(&sim->linear.pattern, m->blocks, (int32_t)D, couples, count);
     free(couples);
     if (!made) return "out of memory";
@@ -532,11 +568,13 @@ static void find_parts(ts_model *m, const char *blob)
     p->route = p->program + p->program_ints;
     p->sharing = p->route + p->route_ints;
     p->two_way = p->sharing + 2 * p->shares;
+    p->touching = p->two_way + p->two_way_count;
     p->node = (const double *)(const void *)(blob + 8 + 4 * int_count(m));
     p->velocity = p->node + N * m->count[TS_D];
     p->program_values = p->velocity + N * m->count[TS_D];
     p->start = p->program_values + p->program_doubles;
     p->share = p->start + m->n_applied;
+    p->ground = p->share + p->shares;
 }
 
 /* All arrays but the pattern's and the laws'; 0: out of memory. */
@@ -572,6 +610,7 @@ static const char *read_model(ts_sim *sim, const void *bytes, size_t size)
     ts_lay_out_masses(m, m->node.block);
     if ((reason = lay_out_bars(m, m->packed.node)) || (reason = lay_out_drives(m))) return reason;
     lay_out_strings(m);
+    lay_out_contacts(m);
     for (int i = 0, D = m->count[TS_D]; i < m->count[TS_N] * D; i++)
         sim->strings.x[i / D * 2 * D + i % D] = m->node.anchor[i]; /* fixed nodes stay there */
     lay_out_velocity(m, m->packed.velocity);

@@ -14,6 +14,7 @@
 #include "linear/pairs.h"
 #include "linear/pattern.h"
 #include "model/data.h"
+#include "motion/contact.h"
 #include "motion/kinematics.h"
 
 #include <math.h>
@@ -89,6 +90,7 @@ void ts_weigh(ts_sim *sim)
         sim->inertia.laden[b] = extra[m->node.lone[i]];
     }
     for (int i = 0; m->node.massed_count && i < m->string.count; i++) hang(m, i);
+    for (int k = 0; k < m->contact.directed; k++) sim->inertia.inverse[m->contact.block[k]] = 1.0;
 }
 
 /* --- moved nodes -------------------------------------------------------------------------------------------------------- */
@@ -165,12 +167,12 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
     }
 }
 
-/* Do moved nodes move on under the inputs of the last step, while the inputs say where they are at its start? */
+/* Do moved nodes or the ground move on under the inputs of the last step, while the inputs say where they are at its start? */
 int ts_inputs_move(const ts_model *m, const ts_io *io)
 {
     for (int i = m->at[TS_NODE_VELOCITY]; i < m->at[TS_NODE_ACCELERATION + 1]; i++)
         if (io->applied[i] != 0.0) return 1;
-    return 0;
+    return ts_ground_moves(m, io);
 }
 
 /* A bar's share in the inertia force, on its block. */
@@ -280,6 +282,7 @@ void ts_drive(ts_sim *sim)
     for (int e = 0; e < m->count[TS_E]; e++)
         polynomial(m, sim->io.values, sim->io.slopes, e, sim->bases.start + DERIVATIVES * e * m->count[TS_D]);
     ts_move_bases(m, 0.0, &sim->bases, sim->strings.x);
+    ts_raise_ground(sim);
     for (int a = 0; a < m->count[TS_A]; a++) {
         double r = value(sim, TS_DRUM_RADIUS, a);
         sim->inertia.inverse[m->blocks - m->count[TS_A] + a] = r * r / value(sim, TS_MOTOR_INERTIA, a);

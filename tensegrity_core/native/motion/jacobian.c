@@ -10,6 +10,7 @@
 #include "linear/pattern.h"
 #include "linear/pairs.h"
 #include "model/data.h"
+#include "motion/contact.h"
 #include "motion/drives.h"
 #include "motion/kinematics.h"
 #include "motion/motion.h"
@@ -297,6 +298,7 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
         sim->linear.ft[i] = sim->inertia.inverse[i / D] * (sim->loads.rate[i] + tau * sim->loads.bend[i]);
     add_strings(sim, tau, exact, D);
     if (m->drive.any) ts_drive_jacobian(sim, tau);
+    if (m->count[TS_K]) ts_contact_jacobian(sim, tau, exact);
     for (int b = 0; b < m->blocks; b++)
         if (m->block.turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->linear.work + b * D, b, exact, D);
     if (!exact) turn_columns(m, &sim->linear, q, D);

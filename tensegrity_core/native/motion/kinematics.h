@@ -42,6 +42,13 @@ ALWAYS_INLINE void book(double *p, double done)
     p[2] += fabs(done);
 }
 
+/* What the blocks have of a node's acceleration along axis d, from theirs; its base may have more. */
+ALWAYS_INLINE double node_acceleration(const ts_model *m, const double *a, int node, int d)
+{
+    const int D = m->count[TS_D], centre = m->node.centre[node], block = m->node.block[node];
+    return (centre < 0 ? 0.0 : a[centre * D + d]) + (block < 0 ? 0.0 : m->node.coef[node] * a[block * D + d]);
+}
+
 /* Vector of a line, a string or a segment of one, and its rate from the blocks. */
 ALWAYS_INLINE void line_vector(const ts_model *m, const double *q, const double *v, int i, double *s, double *sd, const int D)
 {

@@ -6,7 +6,7 @@
  *     pinned bar:             c'' = (3/m) P Q - (|c'|^2/|c|^2) c,    Q = f_tip
  *     point mass on no bar: x'' = Q/m_p
  * with P = I - b b'/|b|^2; gravity acts as m g/2 at each end.  Point masses change the inertias and put r at the centre of
- * mass; they, drag, moved nodes and actuators stand in drives.c.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
+ * mass; they, drag, moved nodes and actuators stand in drives.c, the ground in contact.c.  |b|^2 rather than the nominal l^2 keeps the drift of the bar
  * lengths linear; ts_project() takes it out after every step.
  *
  * The state is y = [q, q', dissipated, input work, throughput].  External forces are mostly constant over a step; their work is
@@ -19,6 +19,7 @@
 #include "laws/curves.h"
 #include "linear/pairs.h"
 #include "model/data.h"
+#include "motion/contact.h"
 #include "motion/drives.h"
 #include "motion/kinematics.h"
 #include "motion/pieces.h"
@@ -437,6 +438,7 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     strings(sim, tau, q, v, driven, D);
     pull(m, &sim->strings, sim->strings.node_force, driven, D);
     if (driven) ts_drag(sim, sim->strings.node_force);
+    if (driven && m->count[TS_K]) ts_press(sim, tau, y, sim->strings.node_force);
     ledger_rates(sim, tau, v, dy + 2 * nq, driven);
     gather(sim, tau, sim->strings.node_force, a, driven, D);
     for (int i = 0; i < nq; i++) dy[i] = v[i];
@@ -457,6 +459,9 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
     ts_motors(sim, tau, v, a);
     for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inertia.inverse[i / D];
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);
+    if (!m->count[TS_K]) return;
+    ts_contact_rates(sim, dy + 2 * nq);
+    ts_slip_rates(sim, tau, a);
 }
 
 APART static void driven_rhs(ts_sim *sim, double tau, const double *y, double *dy)
@@ -510,6 +515,7 @@ ALWAYS_INLINE void forces(ts_sim *sim, double tau, const double *y, double *Q, c
     strings(sim, tau, y, y + sim->m.nq, driven, D);
     pull(&sim->m, &sim->strings, sim->strings.node_force, driven, D);
     if (driven) ts_drag(sim, sim->strings.node_force);
+    if (driven && sim->m.count[TS_K]) ts_press(sim, tau, y, sim->strings.node_force);
     gather(sim, tau, sim->strings.node_force, Q, driven, D);
     if (driven) ts_motors(sim, tau, y + sim->m.nq, Q);
 }
@@ -598,6 +604,7 @@ ALWAYS_INLINE void project_all(const ts_model *m, double *y, const int D)
 {
     for (int i = 0; i < m->bar.pinned_count; i++) project(m, y, m->bar.pinned[i].block, D);
     for (int i = 0; i < m->bar.floating_count; i++) project(m, y, m->bar.floating[i].block + 1, D);
+    if (m->contact.directed) ts_project_directions(m, y);
 }
 
 /* Put a bar vector back on its length: b along itself, b' normal to b. */

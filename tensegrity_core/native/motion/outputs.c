@@ -4,6 +4,7 @@
 #include "laws/curve.h"
 #include "linear/pairs.h"
 #include "model/data.h"
+#include "motion/contact.h"
 #include "motion/drives.h"
 #include "motion/kinematics.h"
 #include "motion/motion.h"
@@ -57,7 +58,7 @@ static double energy_of_string(const ts_sim *sim, int i, double elongation)
     return ts_curve_energy(sim->laws.curve + i, sim->state.piece[i], elongation, sim->io.values[sim->m.at[TS_STIFFNESS] + i]);
 }
 
-/* Energy stored in clipped strings (J). */
+/* Energy stored in clipped strings and in bristles that slip (J): what becomes of it is booked by differences. */
 double ts_clipped_energy(const ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
@@ -67,7 +68,7 @@ double ts_clipped_energy(const ts_sim *sim, double tau)
         ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
         sum += energy_of_string(sim, i, elongation);
     }
-    return sum;
+    return m->count[TS_K] ? sum + ts_contact_energy(sim, tau, 1) : sum;
 }
 
 /* Potential and elastic energy at the present state, under inputs and parameters that may be new (J). */
@@ -78,7 +79,7 @@ double ts_stored_energy(const ts_sim *sim, double tau)
         ts_string_state(sim, tau, sim->state.y, i, &elongation, &rate);
         sum += energy_of_string(sim, i, elongation);
     }
-    return sum;
+    return sim->m.count[TS_K] ? sum + ts_contact_energy(sim, tau, 0) : sum;
 }
 
 /* What moved nodes add to the kinetic energy: their own masses, and what the bars pinned there have of their velocity. */
@@ -109,8 +110,10 @@ ALWAYS_INLINE double kinetic(const ts_sim *sim, const int D)
     const ts_model *m = &sim->m;
     const double *v = sim->state.y + m->nq;
     double sum = 0.0;
-    for (int b = 0; b < m->blocks; b++)
+    const int motors = m->blocks - m->count[TS_A];
+    for (int b = 0; b < motors - m->contact.directed; b++)
         sum += dot(v + b * D, v + b * D, D) / sim->inertia.inverse[b]; /* 1/inv: inertia of the block */
+    for (int b = motors; b < m->blocks; b++) sum += dot(v + b * D, v + b * D, D) / sim->inertia.inverse[b];
     return 0.5 * sum + (m->count[TS_E] ? carried_energy(sim) : 0.0);
 }
 
@@ -254,7 +257,7 @@ ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
 
 ALWAYS_INLINE void motions(ts_sim *sim, const int D) { nodes(&sim->m, sim->strings.x, sim->io.values, D); }
 
-static void energies(ts_sim *sim)
+static void energies(ts_sim *sim, double tau)
 {
     const ts_model *m = &sim->m;
     double *out = sim->io.values;
@@ -262,6 +265,7 @@ static void energies(ts_sim *sim)
     out[m->at[TS_POTENTIAL]] = potential(sim);
     out[m->at[TS_ELASTIC]] = 0.0;
     for (int i = 0; i < m->count[TS_S]; i++) out[m->at[TS_ELASTIC]] += energy_of_string(sim, i, sim->strings.elongation[i]);
+    if (m->count[TS_K]) out[m->at[TS_ELASTIC]] += ts_contact_energy(sim, tau, 0);
 }
 
 /* Fill outputs of these groups, see ts_want(), from what ts_rhs() has just found at the present state; start.f is the derivative
@@ -279,7 +283,8 @@ void ts_outputs(ts_sim *sim, double tau, int groups)
         DISPATCH(m, mechanics, sim, tau);
         utilisation(sim);
     }
-    if (groups & TS_OF_ENERGIES) energies(sim);
+    if (groups & TS_OF_ENERGIES) energies(sim, tau);
+    if (m->count[TS_K]) ts_contact_outputs(sim, groups);
     if (groups & TS_OF_WORK) memcpy(out + m->at[TS_DISSIPATED], sim->state.y + 2 * m->nq, TS_LEDGER * sizeof *out);
     for (int i = 0, n = 0; i < m->count[TS_S] && groups & TS_OF_MOTION; i++)
         if (m->packed.beams[i])

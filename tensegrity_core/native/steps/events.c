@@ -12,6 +12,7 @@
 #include "model/data.h"
 #include "motion/motion.h"
 #include "motion/pieces.h"
+#include "steps/contacts.h"
 
 #include <float.h>
 #include <math.h>
@@ -52,7 +53,7 @@ static void note(ts_sim *sim, double tau, int i, int piece, double loss)
     if (before == after && !(loss > 0.0)) return;
     if (sim->told.count < TS_MAX_TRANSITIONS)
         sim->told.transitions[sim->told.count] =
-            MAKE(ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, 0};
+            MAKE(ts_transition){memory->time + (tau + memory->time_low), loss, i, before, after, -1};
     sim->told.count++;
     memory->stats[TS_TRANSITIONS]++;
 }
@@ -91,7 +92,7 @@ double ts_place_all(ts_sim *sim)
         note(sim, 0.0, i, piece, loss);
         lost += loss;
     }
-    return lost;
+    return sim->m.count[TS_K] ? lost + ts_place_contacts(sim) : lost;
 }
 
 /* How far a string is past what its piece (which < S) or its clipping (which >= S) allows; positive: crossed. */
@@ -144,11 +145,38 @@ static void at_theta(const step *s, double theta, int i, double *elongation, dou
     ts_string_state(sim, s->tau + theta * s->h, sim->attempt.y, i, elongation, rate);
 }
 
+/* The same of a contact's watch. */
+static double contact_excess_at(const step *s, double theta, int which, double *slope)
+{
+    ts_sim *sim = s->sim;
+    const ts_model *m = &sim->m;
+    const int D = m->count[TS_D], k = which / TS_WATCHES, watch = which % TS_WATCHES, node = m->packed.touching[k];
+    double rate, *f = NULL;
+    sim->call.looks++;
+    if (ts_contact_needs_derivative(sim, k, watch)) {
+        look(s, theta, 0, m->nq);
+        ts_project(m, sim->attempt.y);
+        f = sim->linear.work;
+        ts_rhs(sim, s->tau + theta * s->h, sim->attempt.y, f);
+    } else {
+        const int blocks[] = {m->node.centre[node], m->node.block[node], m->contact.block[k]};
+        for (int i = 0; i < 3; i++) {
+            if (blocks[i] < 0) continue;
+            look(s, theta, blocks[i] * D, D);
+            ts_project_block(m, sim->attempt.y, blocks[i]);
+        }
+    }
+    double excess = ts_contact_excess(sim, s->tau + theta * s->h, k, watch, sim->attempt.y, f, &rate);
+    *slope = s->h * rate;
+    return excess;
+}
+
 /* The excess and, for a crossing of a piece's end, its derivative by theta (else 0). */
 static double excess_at(const step *s, double theta, int which, double *slope)
 {
     double elongation, rate;
     int S = s->sim->m.count[TS_S];
+    if (which >= 2 * S) return contact_excess_at(s, theta, which - 2 * S, slope);
     at_theta(s, theta, which % S, &elongation, &rate);
     if (which < S) *slope = s->h * (elongation - s->sim->on.hi[which] > s->sim->on.lo[which] - elongation ? rate : -rate);
     else *slope = 0.0;
@@ -280,6 +308,23 @@ static int may_clip(const ts_strings *found, int i)
     return found->sign_changed[i] || found->margin_low[i] < found->margin_high[i] - found->margin_low[i];
 }
 
+/* Of contacts, if one comes before `first`; see ts_first_transition(). */
+static double first_of_contacts(const step *s, double first, int *which)
+{
+    ts_sim *sim = s->sim;
+    for (int w = 0; w < TS_WATCHES * sim->m.count[TS_K]; w++) {
+        int crossed;
+        if (!ts_contact_is_suspect(sim, w / TS_WATCHES, w % TS_WATCHES, &crossed)) continue;
+        if (!sim->ahead.ready) {
+            s->method->densify(sim, s->tau, s->h);
+            sim->ahead.ready = 1;
+        }
+        double theta = scan_clipping(s, 2 * sim->m.count[TS_S] + w, first > 1.0 ? 1.0 : first);
+        if (theta < first) first = theta, *which = 2 * sim->m.count[TS_S] + w;
+    }
+    return first;
+}
+
 /* First transition in the step just accepted from tau to tau + h: theta in [0, 1] and the watch that crossed; -1: none.
  * doubtful: the elongation leaves its piece there while the velocities have it return.  Positions and velocities on the dense
  * output agree within the tolerance only, and a graze can be slower than that: such a crossing would be undone at once. */
@@ -308,8 +353,9 @@ double ts_first_transition(ts_sim *sim, const ts_method *method, double tau, dou
             *which = w;
         }
     }
+    if (sim->m.count[TS_K]) first = first_of_contacts(&s, first, which);
     if (first > 1.0) return -1.0;
-    TS_ASSERT(first >= 0.0 && *which >= 0 && *which < watches);
+    TS_ASSERT(first >= 0.0 && *which >= 0 && *which < 2 * S + TS_WATCHES * sim->m.count[TS_K]);
     excess_at(&s, first, *which, &slope);
     *doubtful = slope < 0.0;
     return first;
@@ -346,8 +392,9 @@ static void review_clipping(ts_sim *sim, int i, double elongation, double rate)
 void ts_switch(ts_sim *sim, double tau, int which)
 {
     int S = sim->m.count[TS_S];
-    TS_ASSERT(which >= 0 && which < 2 * S);
+    TS_ASSERT(which >= 0 && which < 2 * S + TS_WATCHES * sim->m.count[TS_K]);
     sim->call.force_jumps = 0;
+    if (sim->m.count[TS_K]) ts_switch_contacts(sim, tau, which < 2 * S ? -1 : which - 2 * S);
     for (int i = 0; i < S; i++) {
         double elongation, rate;
         int before = sim->state.piece[i];
@@ -365,6 +412,7 @@ void ts_switch(ts_sim *sim, double tau, int which)
 /* Pieces by the elongations as they stand, where transitions are no longer located. */
 void ts_catch_up(ts_sim *sim, double tau)
 {
+    if (sim->m.count[TS_K]) ts_catch_up_contacts(sim, tau);
     for (int i = 0; i < sim->m.count[TS_S]; i++) {
         const ts_curve *c = sim->laws.curve + i;
         double elongation, rate, scale, lost = 0.0;

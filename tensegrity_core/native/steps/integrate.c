@@ -9,6 +9,7 @@
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "steps/auto.h"
+#include "steps/contacts.h"
 #include "steps/events.h"
 #include "steps/watch.h"
 
@@ -82,13 +83,13 @@ static void integrate_ledger(ts_sim *sim, const ts_method *method, const ts_span
 }
 
 /* What the ledger gets from differences instead of integrals: the work of external forces that are constant over the step, and
- * the energy of clipped strings, whose dampers take all that their springs give. */
+ * the energy of clipped strings, whose dampers take all that their springs give, and of bristles that slip. */
 static void settle_ledger(ts_sim *sim, const ts_span *span, double theta)
 {
     int nq = sim->m.nq;
     double *ledger = sim->state.y + 2 * nq, clipped = span->clipped;
     for (int i = 0; i < nq && !sim->loads.move; i++) book(ledger, sim->loads.Q[i] * (sim->state.y[i] - sim->ahead.dense[i]));
-    if (sim->m.damping_law != TS_TENSION_ONLY) return;
+    if (sim->m.damping_law != TS_TENSION_ONLY && !sim->m.count[TS_K]) return;
     clipped -= ts_clipped_energy(sim, span->start + theta * span->h);
     ledger[0] += clipped;
     ledger[2] += fabs(clipped);
@@ -162,6 +163,8 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
         ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
     }
     sim->call.evaluation = sim->strings.evaluations;
+    if (sim->m.count[TS_K])
+        memcpy(sim->ground.end, sim->ground.margin, sizeof(double) * TS_WATCHES * (size_t)sim->m.count[TS_K]);
     if (method->accepted) method->accepted(sim, h);
     memcpy(sim->ahead.elongation, sim->strings.elongation, bytes);
     memcpy(sim->ahead.rate, sim->strings.rate, bytes);
@@ -354,6 +357,7 @@ static int try_step(ts_sim *sim, const ts_method *method, double tau, double h, 
     memcpy(sim->strings.lowest, sim->start.elongation, sizeof(double) * (size_t)sim->m.count[TS_S]);
     memcpy(sim->strings.highest, sim->start.elongation, sizeof(double) * (size_t)sim->m.count[TS_S]);
     TS_ASSERT(h > 0.0 && tau >= 0.0);
+    if (sim->m.count[TS_K]) ts_contacts_begin(sim, tau, h, (method->flags & (TS_FIXED_STEP | TS_IMPLICIT)) == TS_FIXED_STEP);
     sim->attempt.shrink = 0.1;
     sim->attempt.growth = method->growth;
     sim->memory.choice.taken = 1.0;
@@ -439,7 +443,8 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
         if (how == SWITCHED) {
             stuck = reached > tau ? 0 : stuck + 1;
             p.splits++;
-            if (stuck > 4 * sim->m.count[TS_S] + 16) return fail(sim, fixed ? TS_UNSTABLE : TS_CHATTERING);
+            if (stuck > 4 * (sim->m.count[TS_S] + sim->m.count[TS_K]) + 16)
+                return fail(sim, fixed ? TS_UNSTABLE : TS_CHATTERING);
         } else {
             stuck = 0;
             if (!locate && !sim->call.unlocated) {
