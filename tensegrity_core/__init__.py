@@ -18,6 +18,8 @@ __all__ = [
     "Run",
     "build",
     "equilibrium",
+    "export_scene",
+    "import_scene",
     "linearize",
     "load",
     "modes",

@@ -24,6 +24,8 @@ from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
 from .errors import InputError
 from .fields import outputs
+from .interchange import export_scene as export_scene
+from .interchange import import_scene as import_scene
 from .kernel.packing import unknown
 from .model import Inputs, Model, Result, grid
 from .model.components import names, own_names

@@ -27,6 +27,8 @@ COMMANDS = {
     "linearize": Subcommand(f"{HERE}.linearize", "matrices A, B, C, D of small motions, with names and units"),
     "experiment": Subcommand(f"{HERE}.experiment", "run one of the article's experiments"),
     "tower": Subcommand(f"{HERE}.tower", "write the scene file of a tower of any number of stages"),
+    "import": Subcommand(f"{HERE}.import_", "another program's structure as a scene file"),
+    "export": Subcommand(f"{HERE}.export", "a scene as another program's file"),
     "schema": Subcommand(f"{HERE}.schema", "print the JSON schema of scene files"),
     "doctor": Subcommand("fmu_src.doctor", "say what this installation has, and what is missing"),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import json
+import keyword
 import os
 import sys
 import traceback
@@ -29,7 +30,8 @@ _Unreadable: Any = typer.BadParameter.__mro__[2]
 
 
 class Subcommand(NamedTuple):
-    """module: has a function of the subcommand's name, whose parameters are its options; help: in one line."""
+    """module: has a function of the subcommand's name (`import_` for `import`), whose parameters are its options; help: in a
+    line."""
 
     module: str
     help: str
@@ -48,7 +50,8 @@ class _Reading(TyperGroup):
 
 def loaded(name: str, subcommand: Subcommand) -> Any:
     """typer's command of a subcommand."""
-    return single(getattr(importlib.import_module(subcommand.module), name), name)
+    function = f"{name}_" if keyword.iskeyword(name) else name
+    return single(getattr(importlib.import_module(subcommand.module), function), name)
 
 
 def single(function: Callable, name: str) -> Any:

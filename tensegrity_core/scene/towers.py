@@ -34,6 +34,7 @@ from ..errors import InputError
 from ..quantities import number
 from .entries import Scene
 from .loading import parse_scene
+from .toml_text import toml
 
 MOST_STAGES = 1000
 EARTH = 9.81  # m/s2
@@ -84,7 +85,7 @@ def tower_text(stages: int, nsh: bool = False, **options: Any) -> str:
     tables = _tables(stages, nsh, **options)
     parse_scene(tables, file=f"tower({stages})")
     heads = {f"s{i}": head for i, head in _headings(members(stages))}
-    lines = [f"{key} = {_toml(value)}" for key, value in tables.items() if not isinstance(value, dict)]
+    lines = [f"{key} = {toml(value)}" for key, value in tables.items() if not isinstance(value, dict)]
     lines += _table_lines("nodes", tables["nodes"])
     for name, material in tables["materials"].items():
         lines += _table_lines(f"materials.{name}", material)
@@ -263,16 +264,5 @@ def _table_lines(name: str, table: dict[str, Any], heads: dict[str, str] | None 
     for key, value in table.items():
         if heads and key in heads:
             lines.append(heads[key])
-        lines.append(f"{key} = {_toml(value)}")
+        lines.append(f"{key} = {toml(value)}")
     return lines
-
-
-def _toml(value: Any) -> str:
-    """A value in TOML; the texts here need no escapes."""
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, list):
-        return f"[{', '.join(_toml(part) for part in value)}]"
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(part)}" for key, part in value.items()) + " }"
-    return repr(value)

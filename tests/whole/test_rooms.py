@@ -29,6 +29,7 @@ FLOORS = (
     ("tensegrity_core.reference", "tensegrity_core.statics"),
     ("tensegrity_core.equilibria",),
     ("tensegrity_core.output",),
+    ("tensegrity_core.interchange",),
     ("tensegrity_core.api",),
     ("tensegrity_core.article",),
     ("tensegrity_core.commands",),  # which name the subcommand `build` only as a module that they load
