@@ -26,6 +26,7 @@ def import_(
     debug: Debug = False,
 ) -> None:
     """Read another program's structure as a scene; comments on top say what of it means something else here, or nothing."""
+    from ..files import write_text
     from ..interchange import import_scene
     from ..output.export import require_writable
 
@@ -34,6 +35,6 @@ def import_(
     if path is None:
         sys.stdout.write(found.text())
         return
-    found.save(path)
+    write_text(path, found.text())
     counts = ", ".join(f"{len(found.tables.get(kind, ()))} {kind}" for kind in ("nodes", "bars", "strings"))
     print("\n".join([f"{counts} written to {path}", *(f"  note: {note}" for note in found.notes)]))
