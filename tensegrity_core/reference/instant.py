@@ -10,6 +10,7 @@ import numpy as np
 from ..model import Inputs
 from ..model.inputs import INPUTS
 from . import motors as actuator
+from .contact import Slipping, Touching
 from .equations import bar_force_density, damping_tension, diagonal, elastic_tension, lengths, string_motion
 from .joints import Joints
 from .structure import Structure
@@ -48,6 +49,8 @@ def external_force(s: Structure, load: Load):
 
 #: Angles delta (rad) and speeds delta' (rad/s) of the actuators, (2, A), of a structure without actuators.
 NO_WINDING = np.zeros((2, 0))
+#: Modes (K,) of the contacts of a structure without ground.
+NO_CONTACT = np.zeros(0, dtype=int)
 
 
 class Mode(NamedTuple):
@@ -55,6 +58,7 @@ class Mode(NamedTuple):
     elongations (m) at which the piece begins and ends; taut and pulls: 1 where it is not slack, not clipped, else 0.  A spring
     that also pushes is always on piece 0, and taut.
 
+    contact (K,): the mode of each contact, a place in CONTACT_MODES.
     branches: the branch of each string with memory, whose piece is 0 where it is slack and else one more than the number of
     its snapped parts; k, d (S,), curves and damper_curves: the forces, see `elastic_tension` and `damping_tension`."""
 
@@ -69,6 +73,7 @@ class Mode(NamedTuple):
     d: np.ndarray
     curves: tuple
     damper_curves: tuple
+    contact: np.ndarray
 
 
 class Strings(NamedTuple):
@@ -85,7 +90,8 @@ class Strings(NamedTuple):
 
 class Motion(NamedTuple):
     """Everything that follows from a state: strings, lambda (B,), N'' (3, n), forces F on the nodes but the bars' and the
-    ground's (3, n), forces of the ground (3, n; None where not asked for), delta'' (A,)."""
+    ground's on fixed ones (3, n), forces of the ground on these (3, n; None where not asked for), delta'' (A,); the contacts
+    with the ground, None without."""
 
     strings: Strings
     lam: np.ndarray
@@ -93,6 +99,8 @@ class Motion(NamedTuple):
     F: np.ndarray
     ground: Any
     winding: np.ndarray
+    touching: Touching | None = None
+    slipping: Slipping | None = None
 
 
 def rest_lengths(s: Structure, load: Load, t: float, winding):
@@ -123,8 +131,21 @@ def _strings(s: Structure, load: Load, mode: Mode, t: float, xi, xi_rate, windin
     return Strings(xi, elongation, rate, elastic, unclipped, unclipped * mode.pulls)
 
 
-def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True) -> Motion:
-    """Equation 1 and equation 8 at one instant.  ground: also the forces of the ground, for which moved nodes ask anyway."""
+def motion_at(
+    s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=NO_WINDING, ground: bool = True, bristle=None
+) -> Motion:
+    """Equation 1 and equation 8 at one instant.  ground: also the forces of the ground on fixed nodes, for which moved nodes
+    ask anyway; bristle (d, K): of the state, where nodes may touch the ground."""
+    if s.contacts is None:
+        return _motion(s, load, mode, t, N, Ndot, winding, ground)
+    touching = s.contacts.at(load, mode.contact, t, N, Ndot, bristle)
+    found = _motion(s, load, mode, t, N, Ndot, winding, ground, s.contacts.forces(touching))
+    slipping = s.contacts.slipping(touching, found.Nddot)
+    return found._replace(touching=touching, slipping=slipping)
+
+
+def _motion(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding, ground: bool, pressed=None) -> Motion:
+    """pressed: (3, n) forces of the ground on nodes that touch it, None: there are none."""
     m = len(s.C_s)
     members, rates = N.dot(s.C), Ndot.dot(s.C)  # [S B], [Sdot Bdot]
     S, B = members[:, :m], members[:, m:]
@@ -135,6 +156,8 @@ def motion_at(s: Structure, load: Load, mode: Mode, t: float, N, Ndot, winding=N
     F = external_force(s, load) + s.weight - (S * (tension / xi)).dot(s.C_s)
     if len(s.dragged):
         F -= s.drag * Ndot
+    if pressed is not None:
+        F += pressed
     if s.joints is not None:
         return _jointed_motion(s, s.joints, load, strings, N, Ndot, F, winding)
     free, moved = F, len(s.moved.nodes) > 0
@@ -170,8 +193,8 @@ def motor_acceleration(s: Structure, load: Load, strings: Strings, winding):
 def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -> tuple[float, float, float]:
     """Input power, dissipated power, and the sum of the absolute values of their terms, W.
 
-    A term of the input per node's force, string's moving rest length, moved node's reaction, and motor's current; of the
-    loss per string's damper, node's drag, and motor's damping.
+    A term of the input per node's force, string's moving rest length, moved node's reaction, motor's current, and contact with
+    a ground that moves; of the loss per string's damper, node's drag, motor's damping, and contact's damping and slip.
     """
     strings = motion.strings
     put_in = np.concatenate((diagonal(external_force(s, load), Ndot), -strings.tension * load.rest_length_rate))
@@ -184,6 +207,9 @@ def powers(s: Structure, load: Load, motion: Motion, Ndot, winding=NO_WINDING) -
         pulled_out = -s.motors.radius * winding[1] * load.drum_load
         put_in = np.concatenate((put_in, actuator.input_power(s.motors, load.current, winding[1]), pulled_out))
         lost = np.concatenate((lost, actuator.lost_power(s.motors, winding[1])))
+    if s.contacts is not None:
+        lifted, pressed, rubbed = s.contacts.powers(motion.touching, motion.slipping)
+        put_in, lost = np.concatenate((put_in, lifted)), np.concatenate((lost, pressed, rubbed))
     total = np.add.reduce
     return total(put_in), total(lost), total(np.abs(put_in)) + total(np.abs(lost))
 
@@ -246,9 +272,11 @@ def fastest_rate(s: Structure) -> float:
     return float(max(of_nodes, of_motors.max(initial=0.0)))
 
 
-def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None) -> Mode:
-    """A mode from its pieces and clips.  branches: string -> Branch of those with memory, whose pieces follow from it; without,
-    they are slack."""
+def mode_of(
+    s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict | None = None, contact: np.ndarray = NO_CONTACT
+) -> Mode:
+    """A mode from its pieces, clips and contacts.  branches: string -> Branch of those with memory, whose pieces follow from
+    it; without, they are slack."""
     branches = s.slack if branches is None else branches
     if branches:
         piece = piece.copy()
@@ -267,7 +295,8 @@ def mode_of(s: Structure, piece: np.ndarray, clipped: np.ndarray, branches: dict
     damper_curves = tuple((j, law.force) for j, law in s.dampers if taut[j])
     d = s.model.damping * taut
     d[[j for j, _ in s.dampers]] = 0.0
-    return Mode(piece, clipped, taut, (~clipped).astype(float), lower, upper, branches, k * taut, d, curves, damper_curves)
+    pulls = (~clipped).astype(float)
+    return Mode(piece, clipped, taut, pulls, lower, upper, branches, k * taut, d, curves, damper_curves, contact)
 
 
 def gaps(s: Structure, mode: Mode, strings: Strings) -> np.ndarray:

@@ -6,6 +6,8 @@ is *clipped* at zero.  Where a string reaches an end of its piece the step is re
 changes, and the integration restarts.  The instant is found on SciPy's dense output and then corrected by Newton steps
 until the gap is at round-off.  What a snap of a string with memory loses counts as dissipated at that instant.
 
+So does each contact with the ground (`contact`): apart, sticking, slipping or clipped.
+
 Two things are left to the solver's error control: the kinks of a damper given by points, and the square root in which a
 branch's force ends at a fold.
 
@@ -32,9 +34,10 @@ from ..model.components import full_shape
 from ..model.inputs import INPUTS, carried
 from ..model.strength import bar_utilisation, string_utilisation
 from ..quantities import number
-from . import instant
+from . import contact_modes, instant
+from .contact import SLIPPING, STICKING, Touching
 from .equations import diagonal, string_motion
-from .instant import Mode, Strings, gaps, mode_of, motion_at, strings_at
+from .instant import Mode, Motion, Strings, gaps, mode_of, motion_at, strings_at
 from .joints import Joints, Singular, require_cranks
 from .moved import jumped, path
 from .structure import Structure
@@ -69,6 +72,8 @@ TOGETHER = np.array([1e-13, 1e-13, 1e-9])
 ROUND_OFF = np.array([1e-15, 1e-15, 1e-11])
 #: A string at the end of its piece whose rate (m/s) is below this follows its acceleration.
 AT_REST = 1e-15
+#: Factor on atol for the deflections of bristles, which are small: their direction must be right, too.
+OF_BRISTLES = 1e-3
 #: Points per step at which gaps are looked at once a transition is suspected.
 SAMPLES = 16
 #: Displacement (m) and velocity (m/s) over which derivatives are taken.
@@ -84,23 +89,23 @@ MAX_STALLED = 100
 
 
 class _Watch(NamedTuple):
-    """What decides on transitions at one instant: `gaps` and their rates (both (3, S))."""
+    """What decides on transitions at one instant: `gaps` and their rates (both (3, S + K)), of strings and then of contacts."""
 
     gap: np.ndarray
     rate: np.ndarray
 
 
 class _Due(NamedTuple):
-    """A transition found within a step: when (s), which gap closes (row of `gaps`), for which string."""
+    """A transition found within a step: when (s), which gap closes (row of `gaps`), for which string, or S + which contact."""
 
     time: float
     row: int
-    string: int
+    column: int
 
 
 class _Run:
-    """One simulation.  State y: [N Ndot] of the free nodes (3, 2F), row by row; the actuators' angles and speeds (2, A);
-    input work, dissipated, throughput."""
+    """One simulation.  State y: [N Ndot] of the free nodes (3, 2F), row by row; the actuators' angles and speeds (2, A); the
+    bristles of contacts (d, K); input work, dissipated, throughput."""
 
     def __init__(self, model: Model, inputs: Inputs, rtol: float, atol: float, method: str, told=None):
         self.s = Structure(model)
@@ -108,7 +113,9 @@ class _Run:
         self.inputs, self.rtol, self.told = inputs, rtol * self.method.scale, told
         self.free = model.free_nodes
         n, self.of_nodes = len(model.nodes), 6 * len(self.free)
-        self.moving = self.of_nodes + 2 * len(model.actuated)  # the integrals follow
+        self.of_motors = self.of_nodes + 2 * len(model.actuated)
+        self.touching = len(model.contacts)
+        self.moving = self.of_motors + self.touching * (len(model.axes) - 1)  # the integrals follow
         rests = model.fixed & ~self.s.moved.select.any(axis=0)
         self.moved_whole = None if self.s.joints is None else (self.s.moved_axes > 0.0) | model.fixed[self.s.moved.nodes]
         self.X_fixed = np.concatenate((np.where(rests, model.nodes.T, 0.0), np.zeros((3, n))), axis=1)
@@ -117,7 +124,11 @@ class _Run:
         # The throughput only scales the ledger; the corners of its absolute values must not govern the step.
         of_node = np.repeat([1.0, self.method.velocity], len(self.free)) * atol * self.method.scale
         of_motor = np.array([[1.0], [self.method.velocity]]) * atol * self.method.scale / self.s.motors.radius
-        self.atol = np.concatenate((np.tile(of_node, 3), of_motor.ravel(), [LEDGER_ATOL, LEDGER_ATOL, np.inf]))
+        of_bristle = np.full(self.moving - self.of_motors, OF_BRISTLES * atol * self.method.scale)
+        self.atol = np.concatenate((np.tile(of_node, 3), of_motor.ravel(), of_bristle, [LEDGER_ATOL, LEDGER_ATOL, np.inf]))
+        columns = [len(model.strings), self.touching]
+        self.round_off = np.repeat(np.stack((ROUND_OFF, contact_modes.ROUND_OFF), axis=1), columns, axis=1)
+        self.together = np.repeat(np.stack((TOGETHER, contact_modes.TOGETHER), axis=1), columns, axis=1)
         self.rows: list[dict] = []
         self.transitions: list[Transition] = []
         self.stats = {"evaluations": 0, "steps": 0, "restarts": 0}
@@ -151,7 +162,15 @@ class _Run:
 
     def winding(self, y):
         """Angles and speeds (2, A) of the actuators."""
-        return y[self.of_nodes : self.moving].reshape(2, -1)
+        return y[self.of_nodes : self.of_motors].reshape(2, -1)
+
+    def bristle(self, y):
+        """Deflections (d, K) of the bristles."""
+        return y[self.of_motors : self.moving].reshape(-1, self.touching) if self.touching else None
+
+    def motion(self, t, y, mode: Mode) -> Motion:
+        """Everything at y."""
+        return motion_at(self.s, self.load, mode, t, *self.unpack(t, y), self.winding(y), bristle=self.bristle(y))
 
     def pack(self, N, Ndot, others):
         """y from N, Ndot (3, n) and what else stands in it."""
@@ -179,12 +198,14 @@ class _Run:
         def ydot(t, y):
             self.stats["evaluations"] += 1
             (N, Ndot), winding = self.unpack(t, y), self.winding(y)
-            motion = motion_at(self.s, load, mode, t, N, Ndot, winding, ground=False)
+            motion = motion_at(self.s, load, mode, t, N, Ndot, winding, False, self.bristle(y))
             found = np.empty(len(y))
             Xdot = found[: self.of_nodes].reshape(3, -1)
             Xdot[:, :count], Xdot[:, count:] = y[: self.of_nodes].reshape(3, -1)[:, count:], motion.Nddot.dot(select)
             if len(motion.winding):
-                found[self.of_nodes : -3] = np.concatenate((winding[1], motion.winding))
+                found[self.of_nodes : self.of_motors] = np.concatenate((winding[1], motion.winding))
+            if motion.slipping is not None:
+                found[self.of_motors : self.moving] = motion.slipping.bristle_rate.ravel()
             found[-3:] = instant.powers(self.s, load, motion, Ndot, winding)
             return found
 
@@ -212,7 +233,7 @@ class _Run:
         N, Ndot = self.unpack(t, y)
         S, xi, xi_rate = string_motion(N, Ndot, self.s.C_s)
         Sdot = Ndot @ self.s.C_s.T
-        motion = motion_at(self.s, self.load, mode, t, N, Ndot, self.winding(y))
+        motion = self.motion(t, y, mode)
         Sddot = motion.Nddot.dot(self.s.C_s.T)
         found = (diagonal(Sdot, Sdot) + diagonal(S, Sddot) - xi_rate**2) / xi
         if self.s.route is not None:
@@ -221,12 +242,18 @@ class _Run:
         return found
 
     def energy(self, t, y, mode: Mode) -> float:
-        """What inputs can change at once: the strings' energy and, with moved nodes, that of bars and point masses, J."""
+        """What inputs can change at once: the energy of strings and contacts and, with moved nodes, that of masses, J."""
         stored = instant.elastic_energy(self.s, self.strings(t, y, mode).elongation, mode.branches)
         if len(self.s.moved.nodes):
             N, Ndot = self.unpack(t, y)
             stored += instant.kinetic_energy(self.s, Ndot, self.winding(y)) + instant.potential_energy(self.s, N)
+        if self.s.contacts is not None:
+            stored += self.s.contacts.energy(self.contacts(t, y, mode))
         return stored
+
+    def contacts(self, t, y, mode: Mode) -> Touching:
+        """The contacts at y."""
+        return self.s.contacts.at(self.load, mode.contact, t, *self.unpack(t, y), self.bristle(y))
 
     # Inputs.
 
@@ -246,6 +273,8 @@ class _Run:
         self.load = instant.load_of(self.s, self.inputs, k)
         y = self._jumped(N, Ndot, position, velocity, y[self.of_nodes :])
         settled, losses = self._settled(t, y, mode)
+        if self.touching:
+            settled, losses, y = self._settled_on_ground(t, y, settled, losses)
         jump = self.energy(t, y, settled) - before
         y = self._note(t, y, mode, settled, losses)
         jump += sum(losses.values())  # what snaps on the way lose was put in, too
@@ -265,10 +294,12 @@ class _Run:
         """Run through all inputs."""
         times, model = self.inputs.times.tolist(), self.s.model
         N, Ndot, moved = model.nodes.T, model.velocity.T, self.s.moved.nodes
-        others = np.zeros(self.moving - self.of_nodes + 3)
+        others, apart = np.zeros(self.moving - self.of_nodes + 3), np.zeros(self.touching, dtype=int)
         y = self.projected(times[0], self._jumped(N, Ndot, N[:, moved], Ndot[:, moved], others))
         slack = np.zeros(len(model.strings), dtype=int)
-        mode, _ = self._settled(times[0], y, mode_of(self.s, slack, slack > 0))
+        mode, losses = self._settled(times[0], y, mode_of(self.s, slack, slack > 0, contact=apart))
+        if self.touching:
+            mode, _, y = self._settled_on_ground(times[0], y, mode, losses)
         self._record(times[0], y, mode)
         first = 0
         while True:
@@ -291,17 +322,25 @@ class _Run:
             self.stats["restarts"] += 1
             if due is not None:
                 changed, losses = self._after(mode, t, y, due)
+                if self.touching:
+                    y = self._on_cones(t, y, mode, changed)
                 y = self._note(t, y, mode, changed, losses)
                 mode = changed
                 stalled = stalled + 1 if t == t_before else 0
                 if stalled > MAX_STALLED:
-                    name = self.s.model.string_names[due.string]
-                    raise SimulationError(
-                        "chattering", f"string {name!r} changes its piece without end; look at the inputs just before", float(t)
-                    )
+                    raise self._chattering(t, due.column)
         while pending:  # a transition fell on the last row
             self._record(pending.pop(), y, mode)
         return y, mode
+
+    def _chattering(self, t: float, column: int) -> SimulationError:
+        model, strings = self.s.model, len(self.s.model.strings)
+        if column < strings:
+            what = f"string {model.string_names[column]!r} changes its piece"
+        else:
+            node = model.node_names[model.contacts[column - strings].node]
+            what = f"node {node!r} touches and leaves the ground, or slips and sticks,"
+        return SimulationError("chattering", f"{what} without end; look at the inputs just before", float(t))
 
     def _smooth_run(self, mode: Mode, t: float, y, end: float, pending: list[float]):
         """Integrate under one mode until the end, a transition, or too much drift.
@@ -343,9 +382,9 @@ class _Run:
                     dense.append(solver.dense_output())
             landed = self.projected(at, solver.y)
             watch = self._watch(mode, at, landed)
-            gap, rate = watch.gap[due.row, due.string], watch.rate[due.row, due.string]
+            gap, rate = watch.gap[due.row, due.column], watch.rate[due.row, due.column]
             better = at - gap / rate if rate < 0.0 else at
-            if abs(gap) <= ROUND_OFF[due.row] or better == at or not t < better <= at + 0.1 * (at - t):
+            if abs(gap) <= self.round_off[due.row, due.column] or better == at or not t < better <= at + 0.1 * (at - t):
                 break
             at = better
         self._record_rows(pending, dense, at, solver.y, mode)
@@ -403,12 +442,36 @@ class _Run:
             dt = 1e-8
             ahead = self.strings(t + dt, y + dt * self.derivative(mode)(t, y), mode).unclipped
             rate[2] = np.where(mode.clipped, -1.0, 1.0) * (ahead - strings.unclipped) / dt
-        return _Watch(gaps(self.s, mode, strings), rate)
+        gap = gaps(self.s, mode, strings)
+        if self.touching:
+            of_contacts = self._watch_contacts(mode, t, y)
+            return _Watch(np.hstack((gap, of_contacts.gap)), np.hstack((rate, of_contacts.rate)))
+        return _Watch(gap, rate)
+
+    def _watch_contacts(self, mode: Mode, t: float, y) -> _Watch:
+        """Of contacts; the rate of what slips by a one-sided difference along the motion."""
+        contacts, motion = self.s.contacts, self.motion(t, y, mode)
+        gap = contacts.gaps(motion.touching, motion.slipping)
+        rate = contacts.gap_rates(motion.touching, motion.slipping)
+        slips = (mode.contact == SLIPPING) & np.isfinite(gap[2])
+        if slips.any():
+            dt = 1e-8
+            ahead = self.motion(t + dt, y + dt * self.derivative(mode)(t, y), mode).slipping.slip
+            rate[2, slips] = (ahead - motion.slipping.slip)[slips] / dt
+        return _Watch(gap, rate)
+
+    def _gaps(self, mode: Mode, t: float, y) -> np.ndarray:
+        """(3, S + K): those of strings, and of contacts."""
+        gap = gaps(self.s, mode, self.strings(t, y, mode))
+        if not self.touching:
+            return gap
+        motion = self.motion(t, y, mode)
+        return np.hstack((gap, self.s.contacts.gaps(motion.touching, motion.slipping)))
 
     def _first_due(self, mode: Mode, t: float, before: _Watch, solver, after: _Watch) -> _Due | None:
         """The first transition within the solver's last step, which began at t; None if there is none."""
         h = solver.t - t
-        crossed = after.gap < -ROUND_OFF[:, None]
+        crossed = after.gap < -self.round_off
         turned = ~crossed & (before.rate < 0.0) & (after.rate > 0.0) & np.isfinite(after.gap)
         if turned.any():
             # The tangents at both ends meet below the lowest point; only if that is negative can the gap have closed.
@@ -419,30 +482,59 @@ class _Run:
             return None
         dense = solver.dense_output()
         times = np.linspace(t, solver.t, SAMPLES + 1)
-        samples = np.array([gaps(self.s, mode, self.strings(at, dense(at), mode)) for at in times])
+        samples = np.array([self._gaps(mode, at, dense(at)) for at in times])
         found = []
-        for row, string in np.argwhere(crossed | turned):
+        for row, column in np.argwhere(crossed | turned):
 
-            def gap(at, row=row, string=string):
-                return gaps(self.s, mode, self.strings(at, dense(at), mode))[row, string]
+            def gap(at, row=row, column=column):
+                return self._gaps(mode, at, dense(at))[row, column]
 
-            at = _first_root(gap, times, samples[:, row, string], -ROUND_OFF[row])
+            at = _first_root(gap, times, samples[:, row, column], -self.round_off[row, column])
             if at is not None:
-                found.append(_Due(at, int(row), int(string)))
+                found.append(_Due(at, int(row), int(column)))
         return min(found, default=None)
 
     def _after(self, mode: Mode, t: float, y, due: _Due) -> tuple[Mode, dict[int, float]]:
         """The mode after a transition, and the energy that snaps lose (J, by string); strings that reach the end of their
         piece at the same instant change with it."""
         watch = self._watch(mode, t, y)
-        change = (watch.gap <= TOGETHER[:, None]) & (watch.rate < 0.0)
-        change[due.row, due.string] = True
+        change = (watch.gap <= self.together) & (watch.rate < 0.0)
+        change[due.row, due.column] = True
+        contact = mode.contact
+        if self.touching:
+            motion, of_contacts = self.motion(t, y, mode), change[:, len(mode.piece) :]
+            contact = contact_modes.changed(self.s.contacts, of_contacts, motion.touching, motion.slipping)
+        change = change[:, : len(mode.piece)]
         piece = mode.piece - change[0] + change[1]
         branches, losses = dict(mode.branches), {}
         for j, branch in mode.branches.items():
             if change[0, j] or change[1, j]:
                 branches[j], losses[j] = self._snapping(t, branch.above if change[1, j] else branch.below)
-        return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0), branches), losses
+        return mode_of(self.s, piece, (mode.clipped ^ change[2]) & (piece > 0), branches, contact), losses
+
+    def _on_cones(self, t: float, y, before: Mode, after: Mode):
+        """y with the bristles that belong to the modes after."""
+        y, slips = y.copy(), np.where(before.contact == SLIPPING, before.contact, after.contact)
+        touching = self.contacts(t, y, after._replace(contact=slips))
+        y[self.of_motors : self.moving] = contact_modes.bristles(before.contact, after.contact, touching).ravel()
+        return y
+
+    def _settled_on_ground(self, t: float, y, mode: Mode, losses: dict[int, float]):
+        """Mode, losses and y at the start, or after a change of inputs; mode: `_settled`, with the contacts as before.
+
+        Beyond the cone of friction u goes back to it and slips; what slips on may stick now.
+        """
+        contacts, before, motion = self.s.contacts, mode, self.motion(t, y, mode)
+        mode = mode._replace(contact=contact_modes.pressed(contacts, motion.touching, motion.slipping))
+        y = self._on_cones(t, y, before, mode)
+        motion = self.motion(t, y, mode)
+        sticks, slips = mode.contact == STICKING, (mode.contact == SLIPPING) & (before.contact == SLIPPING)
+        beyond = sticks & (contacts.gaps(motion.touching, motion.slipping)[2] < 0.0)
+        holds = slips & (contacts.mu > 0.0) & (motion.slipping.slip <= 0.0)
+        contact = np.where(beyond, SLIPPING, np.where(holds, STICKING, mode.contact))
+        y = self._on_cones(t, y, mode, mode._replace(contact=contact))
+        mode, more = self._settled(t, y, mode._replace(contact=contact))
+        return mode, {j: losses.get(j, 0.0) + more.get(j, 0.0) for j in losses | more}, y
 
     @staticmethod
     def _snapping(t: float, change, *arguments):
@@ -461,7 +553,7 @@ class _Run:
         for j, branch in mode.branches.items():
             branches[j], events = self._snapping(t, follow, branch, elongation.item(j))
             losses[j] = sum(event.loss for event in events)
-        mode = mode_of(self.s, mode.piece, mode.clipped, branches)
+        mode = mode_of(self.s, mode.piece, mode.clipped, branches, mode.contact)
         rates = self.strings(t, y, mode).rate
         for j, x in enumerate(elongation.tolist()):
             if j not in branches or mode.lower[j] + TOGETHER[0] < x < mode.upper[j] - TOGETHER[0]:
@@ -479,7 +571,7 @@ class _Run:
                 continue
             branches[j] = after
             losses[j] += loss
-        return mode_of(self.s, mode.piece, mode.clipped, branches), losses
+        return mode_of(self.s, mode.piece, mode.clipped, branches, mode.contact), losses
 
     def _settled(self, t: float, y, mode: Mode) -> tuple[Mode, dict[int, float]]:
         """The mode at the start, or after a change of inputs, and the energy that snaps lose (J, by string).
@@ -497,14 +589,14 @@ class _Run:
             leads, unclipped = strings.rate, mode.clipped & inside
             resting = (np.abs(strings.rate) < AT_REST) & (up > down)
             if resting.any():
-                lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped, mode.branches)
+                lowest = mode_of(self.s, np.where(inside, mode.piece, down), unclipped, mode.branches, mode.contact)
                 leads = np.where(resting, self.elongation_acceleration(t, y, lowest), leads)
             piece = np.where(inside, mode.piece, np.where(leads > 0.0, up, down))
-            mode = mode_of(self.s, piece, unclipped, mode.branches)
+            mode = mode_of(self.s, piece, unclipped, mode.branches, mode.contact)
         if self.s.model.damping_law == "tension_only":
             tension = self.strings(t, y, mode).unclipped
             clipped = np.where(np.abs(tension) <= TOGETHER[2], mode.clipped, tension < 0.0)
-            mode = mode_of(self.s, mode.piece, clipped & (mode.piece > 0), mode.branches)
+            mode = mode_of(self.s, mode.piece, clipped & (mode.piece > 0), mode.branches, mode.contact)
         return mode, losses
 
     def _note(self, t: float, y, before: Mode, after: Mode, losses: dict[int, float]):
@@ -514,6 +606,9 @@ class _Run:
         for j in np.flatnonzero((before.piece != after.piece) | (lost > 0.0)):
             pieces = int(before.piece[j]), int(after.piece[j])
             self.transitions.append(Transition(float(t), int(j), *pieces, float(lost[j])))
+        for i in np.flatnonzero(before.contact != after.contact):
+            modes = int(before.contact[i]), int(after.contact[i])
+            self.transitions.append(Transition(float(t), -1, *modes, contact=int(i)))
         total = lost.sum()
         return y + np.concatenate((np.zeros(self.moving), [0.0, total, total])) if total else y
 
@@ -534,7 +629,7 @@ class _Run:
         s, model = self.s, self.s.model
         self.steps_since_row = 0
         (N, Ndot), winding = self.unpack(t, y), self.winding(y)
-        motion = motion_at(s, self.load, mode, t, N, Ndot, winding)
+        motion = motion_at(s, self.load, mode, t, N, Ndot, winding, bristle=self.bristle(y))
         strings, laws = motion.strings, s.laws | mode.branches
         bar_force = -motion.lam * model.bar_length
         self.rows.append(
@@ -551,18 +646,28 @@ class _Run:
                 wound_rest_length=instant.rest_lengths(s, self.load, t, winding)[0][s.motors.strings],
                 wound_rest_length_rate=-s.motors.radius * winding[1],
                 motor_speed=winding[1],
-                contact_normal=np.zeros(len(model.contacts)),
-                contact_force=np.zeros((len(model.contacts), 3)),
-                contact_sticking=np.zeros(len(model.contacts)),
+                **self._of_contacts(motion),
                 kinetic=instant.kinetic_energy(s, Ndot, winding),
                 potential=instant.potential_energy(s, N),
-                elastic=instant.elastic_energy(s, strings.elongation, mode.branches),
+                elastic=instant.elastic_energy(s, strings.elongation, mode.branches) + self._pressed(motion),
                 input_work=y[-3],
                 dissipated=y[-2],
                 throughput=y[-1],
                 snapped=[laws[j].snapped_on_piece(mode.piece.item(j)) for j in model.nsh_strings],
             )
         )
+
+    def _pressed(self, motion: Motion) -> float:
+        """J, in the ground."""
+        return self.s.contacts.energy(motion.touching) if motion.touching is not None else 0.0
+
+    def _of_contacts(self, motion: Motion) -> dict[str, np.ndarray]:
+        """The outputs of contacts."""
+        if motion.touching is None:
+            return {"contact_normal": np.zeros(0), "contact_force": np.zeros((0, 3)), "contact_sticking": np.zeros(0)}
+        force = self.s.contacts.plane.dot(motion.touching.friction).T
+        sticking = (motion.touching.mode == STICKING).astype(float)
+        return {"contact_normal": motion.touching.normal, "contact_force": force, "contact_sticking": sticking}
 
 
 def _first_root(gap, times: np.ndarray, values: np.ndarray, level: float) -> float | None:
@@ -610,7 +715,8 @@ def simulate(
     after every step.  With the defaults the article's three-bar
     scene under +-400 N, d = 50, 500, 5000 N s/m, is good to 1e-9 m after 5 s.
     throughput adds up |F . v| per node, |R . v| per moved node, |T dxi0/dt| and |(T - f_s) d(xi - xi0)/dt| per string, c v^2
-    per node with drag, |k_a i delta'| and d_a delta'^2 per actuator, and the absolute values of jumps of stored energy.
+    per node with drag, |N h'|, |(N - k_n delta) delta'| and |mu N gamma'| per contact, |k_a i delta'| and d_a delta'^2 per
+    actuator, and the absolute values of jumps of stored energy.
     A start input that gives a moved node another velocity than the model's is a jump, too, but before the ledger begins.
     Raises InputError for a model or inputs outside the equations' range, SimulationError where the run cannot go on, which
     includes a string that its actuator has wound up ('wound_up'), bars that come into a position in which no finite force keeps

@@ -8,6 +8,7 @@ from .. import laws
 from ..errors import InputError
 from ..model import Model
 from ..model.routes import segments
+from .contact import Contacts
 from .equations import connectivity, levers, mass_matrix
 from .joints import Joints
 from .motors import motors_of
@@ -26,7 +27,8 @@ class Structure:
     breakpoints: per string the ends of its pieces, m; none of a string with memory, nor of a spring that pushes, too; two_way
     (S,): 1 of the latter; least: per string the smallest elongation that counts in its energy, m;
     joints: what takes the place of M_inv, J, arms and C_b_M_inv in a model beyond class 1, None in others; held (3, n): 1 at
-    fixed coordinates; moved_axes (3, E): 1 at the moved coordinates of the moved nodes.
+    fixed coordinates; moved_axes (3, E): 1 at the moved coordinates of the moved nodes;
+    contacts: with the ground, None where no node may touch one.
     """
 
     def __init__(self, model: Model):
@@ -54,6 +56,7 @@ class Structure:
         self.held = self.fixed if self.joints is None else self.joints.held
         self.moved, self.motors = moved_nodes(model, self.M), motors_of(model)
         self.moved_axes = model.moved[self.moved.nodes].T.astype(float)
+        self.contacts = Contacts(model) if model.contacts else None
         self.in_plane = np.zeros((3, 1))
         self.in_plane[list(model.axes)] = 1.0
         self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
@@ -82,7 +85,5 @@ def _require_well_posed(model: Model) -> None:
     for node, _ in model.drag:
         if model.fixed[node]:
             raise InputError(f"drag names the fixed node {model.node_names[node]!r}; leave it out")
-    if model.ground is not None:
-        raise InputError(f"{model.name}: it stands on the ground, which the reference does not know yet; leave [ground] out")
     if model.damping_law not in ("literal", "tension_only"):
         raise InputError(f"damping_law = {model.damping_law!r}: use 'literal' or 'tension_only'")
