@@ -155,7 +155,7 @@ FIELDS = (
     Field("reaction", "output", ("G", "D"), "N", "{G}.reaction.{D}",
           "force of the ground on the structure at a fixed node", compared="force", jumps=True),
     Field("contact_normal", "output", ("K",), "N", "{K}.contact.normal",
-          "force of the ground on a node along the normal", low=0.0, compared="force", jumps=True),
+          "force of the ground on a node along the normal", compared="force", jumps=True),
     Field("contact_force", "output", ("K", "D"), "N", "{K}.contact.friction.{D}",
           "force of friction on it, in the plane", compared="force", jumps=True),
     Field("bar_utilisation", "output", ("C",), "1", "{C}.utilisation",

@@ -18,11 +18,12 @@ CONTACT_MODES = ("apart", "sticking", "slipping", "clipped")
 @dataclass(frozen=True)
 class Ground:
     """point: of the plane, m; normal: unit vector out of the ground; moving: whether its height along the normal, from the
-    point, is an input."""
+    point, is an input; law: 'clipped', or 'literal', where N may be negative and there is no friction."""
 
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     moving: bool = False
+    law: str = "clipped"
 
     def __post_init__(self):
         for name in ("point", "normal"):

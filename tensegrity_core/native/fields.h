@@ -53,7 +53,7 @@ enum { TS_ELEMENT_SPRING, TS_ELEMENT_BEAM, TS_ELEMENT_POLYNOMIAL, TS_ELEMENT_TAB
     X(TS_MOTOR_SPEED, TS_ROLE_OUTPUT, TS_A, -1, -DBL_MAX, DBL_MAX) /* rad/s: speed at which the motor winds in */ \
     X(TS_BAR_FORCE, TS_ROLE_OUTPUT, TS_B, -1, -DBL_MAX, DBL_MAX) /* N: axial force, mean over the bar: -lambda l of eq. 1, tension positive */ \
     X(TS_REACTION, TS_ROLE_OUTPUT, TS_G, TS_D, -DBL_MAX, DBL_MAX) /* N: force of the ground on the structure at a fixed node */ \
-    X(TS_CONTACT_NORMAL, TS_ROLE_OUTPUT, TS_K, -1, 0.0, DBL_MAX) /* N: force of the ground on a node along the normal */ \
+    X(TS_CONTACT_NORMAL, TS_ROLE_OUTPUT, TS_K, -1, -DBL_MAX, DBL_MAX) /* N: force of the ground on a node along the normal */ \
     X(TS_CONTACT_FORCE, TS_ROLE_OUTPUT, TS_K, TS_D, -DBL_MAX, DBL_MAX) /* N: force of friction on it, in the plane */ \
     X(TS_BAR_UTILISATION, TS_ROLE_OUTPUT, TS_C, -1, 0.0, DBL_MAX) /* 1: compression over Euler's buckling load pi^2 E I/l^2, 0 in tension */ \
     X(TS_STRING_UTILISATION, TS_ROLE_OUTPUT, TS_T, -1, 0.0, DBL_MAX) /* 1: tension over strength, 0 where the damper pushes */ \

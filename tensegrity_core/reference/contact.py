@@ -64,7 +64,8 @@ class Contacts:
     """A model's contacts, once for all times.
 
     nodes, k, c, k_t, mu (K,): as in `model.Contact`; normal (3,); plane (3, d): orthonormal basis of the plane along the axes
-    that the scene uses; select (K, n): 1 at each contact's node; limit (K,): mu / k_t, m/N.
+    that the scene uses; select (K, n): 1 at each contact's node; limit (K,): mu / k_t, m/N; clips (K,): whether N could be
+    negative and is clipped then.
     """
 
     def __init__(self, model: Model):
@@ -75,6 +76,7 @@ class Contacts:
             for name in ("stiffness", "damping", "tangential_stiffness", "friction")
         )
         self.limit = self.mu / self.k_t
+        self.clips = (self.c > 0.0) & (model.ground is not None and model.ground.law == "clipped")
         ground: Any = model.ground
         self.moving, self.point, self.normal = ground.moving, np.array(ground.point), np.array(ground.normal)
         axes = np.eye(3)[:, list(model.axes)]
@@ -111,7 +113,8 @@ class Contacts:
         rate, mode = touching.rate, touching.mode
         reach = self.limit * self.k * (rate * (1.0 + self.c * rate) + self.c * touching.depth * depth_acceleration)
         slip = diagonal(touching.direction, touching.slide) - reach
-        moves = np.where(mode == SLIPPING, touching.slide - slip * touching.direction, 0.0)
+        rubs = (mode == SLIPPING) & (self.mu > 0.0)
+        moves = np.where(rubs, touching.slide - slip * touching.direction, 0.0)
         bristle_rate = np.where(mode == STICKING, touching.slide, moves)
         return Slipping(depth_acceleration, self.plane.T.dot(a), reach, slip, bristle_rate)
 
@@ -134,7 +137,7 @@ class Contacts:
         found = np.full((3, len(mode)), np.inf)
         found[0] = np.where(mode == APART, -touching.depth, touching.depth)
         sign = np.where(mode == APART, np.inf, np.where(mode == CLIPPED, -1.0, 1.0))
-        found[1] = np.where((mode == APART) | (self.c == 0.0), np.inf, sign * (1.0 + self.c * touching.rate))
+        found[1] = np.where((mode == APART) | ~self.clips, np.inf, sign * (1.0 + self.c * touching.rate))
         sticks, slips = mode == STICKING, (mode == SLIPPING) & (self.mu > 0.0)
         size = np.sqrt(diagonal(touching.bristle, touching.bristle))
         found[2] = np.where(sticks, self.limit * touching.pressure - size, np.where(slips, slipping.slip, np.inf))

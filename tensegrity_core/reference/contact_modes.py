@@ -55,7 +55,7 @@ def pressed(contacts: Contacts, touching: Touching, slipping: Slipping) -> np.nd
     depth, rate, near = touching.depth, touching.rate, TOGETHER[0]
     leads = np.where(np.abs(rate) < AT_REST, slipping.depth_acceleration, rate)
     presses = (depth > near) | ((depth >= -near) & (leads > 0.0))
-    pushes = 1.0 + contacts.c * rate > 0.0
+    pushes = ~contacts.clips | (1.0 + contacts.c * rate > 0.0)
     new = (touching.mode == APART) | (touching.mode == CLIPPED)
     mode = np.where(new, np.where(contacts.mu > 0.0, STICKING, SLIPPING), touching.mode)
     mode = np.where(presses, np.where(pushes, mode, CLIPPED), APART)

@@ -269,6 +269,11 @@ class Ground(Entry):
     tangential_stiffness: Positive | None = _optional(
         "stiffness k_t of friction before it slips in N/m, greater than 0; the stiffness k_n without it"
     )
+    law: Literal["clipped", "literal"] = Field(
+        "clipped",
+        description='"clipped" (the ground never pulls) or "literal" (N as the formula says, which pulls at nodes that leave '
+        "fast; without friction)",
+    )
     nodes: Names | None = _optional("names of the nodes that may touch it, at least one; all that can move without it")
     moving: bool = Field(False, description="true: its height along the normal is an input, false: it stands")
     at: dict[str, Contact] = Field(

@@ -19,6 +19,12 @@ def check_ground(scene: Scene) -> None:
     named = scene.touching
     if not named:
         raise scene.error("ground", "has no node that could touch it: all are fixed", "Free a node, or leave the ground out.")
+    for name in named if ground.law == "literal" else ():
+        if scene.contact(name)["friction"] > 0.0:
+            own = name in ground.at and ground.at[name].friction is not None
+            key = f"ground.at.{name}.friction" if own else "ground.friction"
+            problem = f'is not 0 at {name}, where the law "literal" lets N be negative'
+            raise scene.error(key, problem, 'Write friction = 0.0, or law = "clipped".')
     for name in ground.at:
         _require_free(scene, f"ground.at.{name}", name, held)
         if name not in named:

@@ -141,7 +141,7 @@ def _ground(scene: Scene) -> Ground | None:
     if scene.ground is None:
         return None
     point = scene.vector(scene.ground.point or (0.0,) * len(scene.axes))
-    return Ground(point, scene.upward(), scene.ground.moving)
+    return Ground(point, scene.upward(), scene.ground.moving, scene.ground.law)
 
 
 def _single_axes(scene: Scene, along: dict[str, tuple[int, ...]], index: dict[str, int]) -> tuple:
