@@ -70,7 +70,7 @@ def main(path: Path) -> None:
         frame(axes, model, np.vstack([*result.position, *(result.position + scale * force), drawing.floor]), NAMED_ROOM)
         drawing.name(result.position[first], members=False)
         figure.text((i + 0.5) / 3.0, 0.035, label, ha="center", fontsize=10, color=BAR)
-        scenes.append((drawing, result, slack_strings(result), force, scale, first))
+        scenes.append((drawing, result, slack_strings(result, model), force, scale, first))
     figure.text(0.015, 0.95, LEGEND, fontsize=10, color=NSH)
     clock = figure.text(0.985, 0.95, "", ha="right", fontsize=10, color=BAR)
 

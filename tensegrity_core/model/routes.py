@@ -63,6 +63,13 @@ def lengths(model: Model, nodes: np.ndarray) -> np.ndarray:
     return found
 
 
+def longest_segment(model: Model, string: int) -> tuple[int, float]:
+    """The number of a string's longest segment at the start, from 0, and its length, m."""
+    path = model.paths[string]
+    found = _distances(model.nodes, np.column_stack((path[:-1], path[1:])))
+    return int(np.argmax(found)), float(found.max())
+
+
 def _distances(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1)
 

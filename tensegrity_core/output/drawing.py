@@ -1,7 +1,8 @@
 """Pictures of a structure.  Nothing opens a window.
 
-Bars are thick and dark, strings thin, dashed where slack.  An NSH is a zigzag in its string, with one bead per beam
-that fills when the beam has snapped.  Triangles are nodes fixed to the ground; arrows are external forces.
+Bars are thick and dark, strings thin, dashed where slack, along all nodes that they pass.  An NSH is a zigzag in its string, on
+the longest segment, with one bead per beam that fills when the beam has snapped.  Triangles are nodes fixed to the ground;
+arrows are external forces.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..model import Model, Result
+from ..model.routes import longest_segment
 from .names import Names
 
 BAR, STRING, NSH, SUPPORT, LOAD, FLOOR = "#22252e", "#1b9aaa", "#d1495b", "#6b705c", "#edae49", "#f1f0ec"
@@ -151,19 +153,18 @@ class Drawing:
         (H,) beams of each NSH past their force maximum; force: (N, 3) N, drawn as arrows of metres_per_newton.
         """
         model = self.model
-        length = np.linalg.norm(nodes[model.strings[:, 1]] - nodes[model.strings[:, 0]], axis=1)
-        slack = length <= model.rest_length if slack is None else slack
+        slack = (model.string_lengths(nodes) <= model.rest_length) & ~model.two_way if slack is None else slack
         snapped = np.zeros(len(model.nsh_strings), dtype=int) if snapped is None else snapped
         for line, ends in zip(self._bars, model.bars):
             self._set(line, nodes[ends])
         for line, node in zip(self._masses, model.lone_nodes):
             self._set(line, nodes[node], nearer=0.01)
-        for line, ends, loose in zip(self._strings, model.strings, slack):
-            self._set(line, nodes[ends])
+        for line, path, loose in zip(self._strings, model.paths, slack):
+            self._set(line, nodes[list(path)])
             line.set_linestyle((0, (3, 2)) if loose else "-")
         for s, (open_beads, full_beads), count in zip(model.nsh_strings, self._beads, snapped):
-            path, beads = self._zigzag(s, nodes[model.strings[s]])
-            self._set(self._strings[s], path)
+            points, beads = self._zigzag(s, nodes[list(model.paths[s])])
+            self._set(self._strings[s], points)
             self._set(open_beads, beads[count:], nearer=0.01)
             self._set(full_beads, beads[:count], nearer=0.01)
         for line, node, push in zip(self._loads, nodes, np.zeros_like(nodes) if force is None else force):
@@ -230,22 +231,31 @@ class Drawing:
         size = np.linalg.norm(across)
         return across / size if size > 1e-12 else np.zeros(3)
 
-    def _zigzag(self, s: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of an NSH string, and of its beads.  The zigzag takes up all of the elongation since the start."""
+    def _zigzag(self, s: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of an NSH string that passes nodes at these points (k, 3), m, and of its beads.  The zigzag takes up all
+        of the elongation since the start."""
         model, beams = self.model, len(self.model.honeycombs[s].Q)
-        start = float(np.linalg.norm(np.diff(model.nodes[model.strings[s]], axis=0)))
+        segment, start = longest_segment(model, s)
+        ends = points[segment : segment + 2]
         length = float(np.linalg.norm(ends[1] - ends[0]))
         if length == 0.0:
-            return ends, np.repeat(ends[:1], beams, axis=0)
+            return points, np.repeat(ends[:1], beams, axis=0)
         along = (ends[1] - ends[0]) / length
-        span = max(0.25 * start, 0.14 * self._size) + length - start
+        longer = length - start if len(points) == 2 else self._longer(points, model.nodes[list(model.paths[s])])
+        span = max(0.25 * start, 0.14 * self._size) + longer
         span = float(np.clip(span, 0.1 * length, 0.9 * length))
         teeth = 2 * beams
         places = 0.5 * (length - span) + span * np.arange(teeth + 1) / teeth
         height = 0.016 * self._size * np.where(np.arange(teeth + 1) % 2, 1.0, -1.0)
         height[[0, -1]] = 0.0
         bends = ends[0] + np.outer(places, along) + np.outer(height, self._sideways(along))
-        return np.vstack((ends[:1], bends, ends[1:])), bends[1::2]
+        return np.vstack((points[: segment + 1], bends, points[segment + 1 :])), bends[1::2]
+
+    @staticmethod
+    def _longer(points: np.ndarray, before: np.ndarray) -> float:
+        """m by which a way over points (k, 3) is longer than one over the points before."""
+        now, then = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (points, before))
+        return float(now - then)
 
     def _arrow(self, node: np.ndarray, push: np.ndarray) -> np.ndarray:
         size = float(np.linalg.norm(push))
@@ -268,9 +278,9 @@ def draw(axes: Any, model: Model, nodes: np.ndarray | None = None, names: bool =
     return drawing
 
 
-def slack_strings(result: Result) -> np.ndarray:
-    """(K+1, S) bool: a string without elastic tension is slack."""
-    return result.elastic_force <= 0.0
+def slack_strings(result: Result, model: Model) -> np.ndarray:
+    """(K+1, S) bool: a string without elastic tension is slack, unless it also pushes."""
+    return (result.elastic_force <= 0.0) & ~model.two_way
 
 
 def arrow_scale(model: Model, force: np.ndarray) -> float:

@@ -73,7 +73,7 @@ def animate(
     figure = new_figure(*size)
     foot = min(0.2, CLOCK / size[1])
     axes = new_axes(figure, model, (0.0, foot, 1.0, 1.0 - foot))
-    drawing, slack = Drawing(axes, model), slack_strings(result)
+    drawing, slack = Drawing(axes, model), slack_strings(result, model)
     scale = 0.0 if force is None else arrow_scale(model, force)
     tips = result.position if force is None else result.position + scale * force
     seen = np.vstack((result.position.reshape(-1, 3), tips.reshape(-1, 3), drawing.floor))

@@ -12,6 +12,7 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.text import Text
 
 from ..model import Model
+from ..model.routes import segments
 
 #: A scene of more nodes, or strings, than MOST has names for FEW nodes, and none for strings and bars: they would cover the
 #: picture.
@@ -74,7 +75,7 @@ class Names:
     def _sample(self, model: Model, seen: np.ndarray) -> None:
         """Points that stand for what is drawn, (n, 2) pixels, and what covering one of them costs."""
         points, costs = [seen], [np.full(len(seen), COVERED)]
-        for members, cost in ((model.bars, COVERED), (model.strings, CROSSED)):
+        for members, cost in ((model.bars, COVERED), (segments(model.paths).ends, CROSSED)):
             for one, other in seen[members]:
                 count = 2 + int(np.hypot(*(other - one)) / (3.0 * self.point))
                 points.append(np.linspace(one, other, count))

@@ -8,9 +8,9 @@ from PIL import Image
 
 from tensegrity_core.errors import InputError
 from tensegrity_core.kernel import simulate
-from tensegrity_core.model import grid, held
+from tensegrity_core.model import NSH, grid, held
 from tensegrity_core.output import drawing, film, plots
-from tests.support import push, scene
+from tests.support import by_hand, push, scene
 
 SCENES = ("two_bar_nsh", "three_bar", "six_bar_nsh")
 
@@ -97,6 +97,25 @@ def test_slack_strings_are_dashed():
     assert dashed == slack.tolist()
     squeezed = model.nodes * [0.5, 0.5, 1.0]  # every string is shorter than its rest length
     assert len(lines(drawn(model, squeezed), drawing.STRING, "--")) == 6
+
+
+def test_routed_strings_are_drawn_along_their_way():
+    """Dashed where shorter than their rest length, unless they also push; a zigzag stands on the longest segment."""
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 2.0], [0.0, 0.0, 1.0]])
+    honeycomb = NSH((6.0,), (4.0,), (0.01,))
+    fields = {"axes": (0, 2), "stiffness": 100.0, "rest_length": [9.0, 9.0, 4.0], "two_way": [False, True, False]}
+    masses = [(node, 1.0) for node in (1, 2, 3)]
+    paths = [(0, 1, 2, 3, 0), (0, 2, 1), (0, 1, 2, 3)]
+    model = by_hand(nodes, [0], [], paths, point_mass=masses, nsh=(None, None, honeycomb), **fields)
+    made = drawn(model)
+    for line, path, style in zip(made._strings, paths[:2], ("--", "-")):
+        np.testing.assert_array_equal(points_of(line, model), nodes[list(path)])
+        assert line.get_linestyle() == style
+    path = points_of(made._strings[2], model)
+    np.testing.assert_array_equal(path[[0, 1, -2, -1]], nodes[[0, 1, 2, 3]])
+    assert len(path) == 7 and (path[2:-2, 2] > 0.5).all() and (path[2:-2, 2] < 1.5).all()
+    result = simulate(model, held(model, grid(0.02, 0.01)))
+    assert drawing.slack_strings(result, model)[0].tolist() == [True, False, False]
 
 
 def test_beads_count_the_beams_that_snapped():

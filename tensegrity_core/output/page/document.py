@@ -19,6 +19,7 @@ from ...laws.beam import beam_extrema
 from ...model import NSH, Model, Result
 from ...model.components import flattened
 from ...model.inputs import INPUTS
+from ...model.routes import longest_segment
 from .made import Parts, parts
 
 #: Numbers of a run that a page holds at most; of a longer run it holds every second, third ... instant.
@@ -77,7 +78,6 @@ def _structure(model: Model) -> dict[str, Any]:
     """What web/model.js is told."""
     kernel = Kernel(model)
     kernel.initialize(0.0)
-    spans = model.nodes[model.strings[:, 1]] - model.nodes[model.strings[:, 0]]
     return {
         "name": model.name,
         "description": model.description,
@@ -90,11 +90,14 @@ def _structure(model: Model) -> dict[str, Any]:
         "grounded": model.fixed_nodes.tolist(),
         "bars": model.bars.tolist(),
         "strings": model.strings.tolist(),
+        "paths": [list(path) for path in model.paths],
+        "twoWay": model.two_way.tolist(),
         "barLengths": model.bar_length.tolist(),
-        "startLengths": np.linalg.norm(spans, axis=1).tolist(),
+        "startLengths": model.string_lengths(model.nodes).tolist(),
         "restLengths": model.rest_length.tolist(),
         "actuated": list(model.actuated),
         "memories": list(model.memories),
+        "cellsOn": dict(zip(map(str, model.honeycombs), (_cells_on(model, string) for string in model.honeycombs))),
         "honeycombs": [_honeycomb(string, nsh) for string, nsh in model.honeycombs.items()],
         "snappedBy": [_snapped_by(kernel, model, string) for string in range(len(model.strings))],
         "atStart": {"tension": float(np.max(kernel["string_force"], initial=0.0))}
@@ -104,6 +107,12 @@ def _structure(model: Model) -> dict[str, Any]:
         "methods": list(METHOD_MEANINGS.items()),
         "stats": list(STATS),
     }
+
+
+def _cells_on(model: Model, string: int) -> dict[str, Any]:
+    """The segment of an NSH string on which its cells are drawn, and that one's length at the start, m."""
+    segment, length = longest_segment(model, string)
+    return {"segment": segment, "start": length}
 
 
 def _honeycomb(string: int, nsh: NSH) -> dict[str, Any]:

@@ -72,14 +72,17 @@ export class Hand {
   #under(x, y, near) {
     const node = this.#nearest(x, y, near, this.model.nodes.keys());
     if (node !== null) return { kind: "node", index: node };
-    for (const [kind, list] of [["string", this.model.strings], ["bar", this.model.bars]]) {
+    for (const [kind, list] of [["string", this.model.paths], ["bar", this.model.bars]]) {
       let found = null;
       let least = 0.6 * near;
-      list.forEach((ends, index) => {
-        const [[u, v], [s, t]] = ends.map((end) => this.stage.project(this.structure.node(end, new Vector3())));
-        const along = Math.max(0, Math.min(1, ((x - u) * (s - u) + (y - v) * (t - v)) / ((s - u) ** 2 + (t - v) ** 2 || 1)));
-        const distance = Math.hypot(u + along * (s - u) - x, v + along * (t - v) - y);
-        if (distance < least) [least, found] = [distance, index];
+      list.forEach((path, index) => {
+        const seen = path.map((node) => this.stage.project(this.structure.node(node, new Vector3())));
+        for (let at = 0; at + 1 < seen.length; at++) {
+          const [[u, v], [s, t]] = [seen[at], seen[at + 1]];
+          const along = Math.max(0, Math.min(1, ((x - u) * (s - u) + (y - v) * (t - v)) / ((s - u) ** 2 + (t - v) ** 2 || 1)));
+          const distance = Math.hypot(u + along * (s - u) - x, v + along * (t - v) - y);
+          if (distance < least) [least, found] = [distance, index];
+        }
       });
       if (found !== null) return { kind, index: found };
     }

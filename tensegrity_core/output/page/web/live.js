@@ -161,7 +161,7 @@ export class Live {
     kernel.initialize(0);
     const tension = Math.max(0, ...kernel.field("string_force"));
     const gravity = Math.hypot(...kernel.field("gravity")) || 9.81;
-    const mass = [...kernel.field("bar_mass"), ...kernel.field("point_mass")].reduce((sum, one) => sum + one, 0);
+    const mass = [...kernel.field("bar_mass"), ...kernel.field("point_mass"), ...kernel.field("string_mass")].reduce((sum, one) => sum + one, 0);
     const maximum = Math.max(0, ...kernel.field("nsh_Q")) * 4;
     this.stiffness = (4 * Math.max(tension, mass * gravity, maximum)) / this.model.size;
   }

@@ -2,7 +2,7 @@
 //
 // A taut string is a straight tube that is the wider and the further along the colour scale the more it bears; a slack one is
 // dashed and sags by its spare length.  An NSH string has a row of cells, one for each beam: an open hexagon, which fills and
-// stretches when the beam has snapped.
+// stretches when the beam has snapped.  A string over several nodes is drawn segment by segment, its cells on the longest one.
 
 import {
   CircleGeometry, ConeGeometry, CylinderGeometry, DoubleSide, DynamicDrawUsage, FrontSide, Group, InstancedMesh, Matrix4, MeshBasicMaterial,
@@ -24,7 +24,8 @@ export class Structure {
     const rod = new CylinderGeometry(1, 1, 1, 12, 1);
     const thin = new CylinderGeometry(1, 1, 1, 6, 1);
     this.bars = this.#mesh("bar", rod, "--bar", model.bars.length);
-    this.strings = this.#mesh("tube", thin, null, model.strings.length * (DASHES + 2));
+    const segments = model.paths.reduce((sum, path) => sum + path.length - 1, 0);
+    this.strings = this.#mesh("tube", thin, null, segments * (DASHES + 2));
     this.nodes = this.#mesh("ball", new SphereGeometry(1, 14, 10), "--bar", model.nodes.length);
     this.feet = this.#mesh("cone", new ConeGeometry(1, 1, model.planar ? 3 : 4), "--support", model.nodes.length);
     this.shadows = this.#mesh("shadow", rod, "--shadow", model.floor === null || model.planar ? 0 : model.bars.length, true);
@@ -69,7 +70,7 @@ export class Structure {
     this.elastic = model.of(frame, "elastic_force");
     this.lengths = model.of(frame, "string_length");
     this.#drawBars();
-    model.strings.forEach((ends, string) => this.#drawString(string, ends, shown));
+    model.paths.forEach((path, string) => this.#drawString(string, path, shown));
     model.nodes.forEach((_, node) => this.#drawNode(node, shown.chosen));
     this.#drawArrows(frame, shown);
     for (const mesh of this.group.children) {
@@ -99,24 +100,27 @@ export class Structure {
     put(this.feet, matrix.compose(b.copy(a).addScaledVector(this.stage.camera.up, lift * tall), turn, c.set(tall * 0.8, tall, tall * 0.8)));
   }
 
-  #drawString(string, [one, other], shown) {
+  #drawString(string, path, shown) {
     const share = this.largest > 0 ? this.tension[string] / this.largest : 0;
     const chosen = shown.chosen?.kind === "string" && shown.chosen.index === string;
     const wide = this.thick * (0.24 + 0.36 * Math.max(0, Math.min(1, share))) * (chosen ? 1.7 : 1);
     const colour = tensionColor(share);
-    this.node(one, a);
-    this.node(other, b);
-    const slack = this.elastic[string] <= 0 && this.tension[string] <= 0;
+    const slack = this.elastic[string] <= 0 && this.tension[string] <= 0 && !this.model.twoWay[string];
     const honeycomb = this.model.nshOf.get(string);
-    if (honeycomb !== undefined) this.#drawCells(string, honeycomb, wide, colour, shown.snapped[honeycomb], slack);
-    else if (slack) this.#drawSlack(string, wide, colour);
-    else coloured(tube(this.strings, a, b, wide), colour);
+    for (let at = 0; at + 1 < path.length; at++) {
+      this.node(path[at], a);
+      this.node(path[at + 1], b);
+      if (honeycomb !== undefined && at === this.model.cellsOn[string].segment) {
+        this.#drawCells(string, wide, colour, shown.snapped[honeycomb], slack);
+      } else if (slack) this.#drawSlack(string, wide, colour);
+      else coloured(tube(this.strings, a, b, wide), colour);
+    }
   }
 
-  // How far the string from a to b hangs down, m, by its spare length; `down` is where to.
+  // How far the string from a to b hangs down, m, by its part of the spare length; `down` is where to.
   #sag(string) {
     const length = a.distanceTo(b);
-    const spare = Math.max(0, this.restLengths[string] - length);
+    const spare = Math.max(0, this.restLengths[string] - this.lengths[string]) * (length / (this.lengths[string] || 1));
     this.#sagging(down);
     return Math.max(0.03 * length, Math.min(0.3 * length, Math.sqrt(0.375 * (length + spare) * spare)));
   }
@@ -150,12 +154,12 @@ export class Structure {
     return out.set(0, 0, -1);
   }
 
-  #drawCells(string, honeycomb, wide, colour, snapped, slack) {
+  #drawCells(string, wide, colour, snapped, slack) {
     const size = this.model.member;
     const length = a.distanceTo(b) || 1e-9;
-    const start = this.model.startLengths[string];
+    const longer = this.lengths[string] - this.model.startLengths[string]; // of the whole way
     const beams = snapped.length;
-    const roomy = Math.max(0.25 * start, Math.min(0.06 * beams, 0.3) * size) + length - start;
+    const roomy = Math.max(0.25 * this.model.cellsOn[string].start, Math.min(0.06 * beams, 0.3) * size) + longer;
     const row = Math.min(0.9 * length, Math.max(0.1 * length, roomy));
     d.subVectors(b, a).divideScalar(length);
     const weights = snapped.map((one) => (one ? 1.55 : 1));
