@@ -44,7 +44,7 @@ void *realloc(void *p, size_t size) { return taken++, __libc_realloc(p, size); }
 #endif
 
 /* clang-format off */ /* names in rows */
-#define KERNEL(X) X(ts_create) X(ts_free) X(ts_values) X(ts_initialize) X(ts_step)
+#define KERNEL(X) X(ts_create) X(ts_free) X(ts_values) X(ts_initialize) X(ts_want) X(ts_step)
 #define FMU(X) X(fmi2Instantiate) X(fmi2FreeInstance) X(fmi2SetupExperiment) X(fmi2EnterInitializationMode) \
     X(fmi2ExitInitializationMode) X(fmi2Reset) X(fmi2SetReal) X(fmi2GetReal) X(fmi2DoStep)
 /* clang-format on */
@@ -113,6 +113,7 @@ static void restart(void)
     start[pushed] = PUSH;
     memcpy(values, start, sizeof(double) * inputs);
     require(f.ts_initialize(sim, 0.0) == TS_OK, "ts_initialize");
+    f.ts_want(sim, 0); /* as in the FMU: outputs when somebody reads them */
     require(f.fmi2Reset(fmu) == fmi2OK && f.fmi2SetupExperiment(fmu, 0, 0.0, 0.0, 0, 0.0) == fmi2OK, "fmi2SetupExperiment");
     require(f.fmi2SetReal(fmu, in, inputs, start) == fmi2OK, "fmi2SetReal");
     require(f.fmi2EnterInitializationMode(fmu) == fmi2OK && f.fmi2ExitInitializationMode(fmu) == fmi2OK, "initialization");

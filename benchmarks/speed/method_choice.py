@@ -1,8 +1,8 @@
 """Measures `auto` against the methods that it chooses from: ``python -m benchmarks.speed.method_choice`` writes
 docs/method_choice.json and docs/method-choice.md, in about half an hour.
 
-Every cell is run by `dop853`, `rodas5p`, `radau9` and `auto` in turns, in one process.  What counts is the least processor time
-of the kernel's steps; the ratio of a cell is that of `auto` over the best of the three.
+Every cell is run by `dopri5`, `dop853`, `rodas5p`, `radau9` and `auto` in turns, in one process.  What counts is the least
+processor time of the kernel's steps; the ratio of a cell is that of `auto` over the best of the others.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tensegrity_core.native import build
 
 from .method_choice_cells import Cell, anywhere, built, drawn, every, ladders
 
-BASE = ("dop853", "rodas5p", "radau9")
+BASE = ("dopri5", "dop853", "rodas5p", "radau9")
 METHODS = (*BASE, "auto")
 #: Cells of each kind, and seeds.
 DRAWN, ANYWHERE, SEEDS = 360, 240, (2026, 1128)
