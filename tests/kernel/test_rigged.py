@@ -4,7 +4,6 @@ structure written otherwise, the reference, and derivatives by differences.
 Longer against the reference: ``python -m tests.kernel.test_rigged 5`` (s).
 """
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +18,7 @@ from tensegrity_core.model import grid, held
 from tests.support import by_hand
 from tests.support.driven_scenes import PENDULUM, built
 from tests.support.rigged_scenes import RIGGED
+from tests.support.words import words
 
 
 def drive(model, duration=1.0, step=0.02):
@@ -230,6 +230,7 @@ def test_what_a_scene_does_not_have_takes_no_room():
 
 
 if __name__ == "__main__":
+    (seconds,) = words(__doc__, seconds=5.0)
     for damping_law in ("literal", "tension_only"):
-        test_kernel_and_reference_agree(damping_law, float(sys.argv[1]))
+        test_kernel_and_reference_agree(damping_law, seconds)
         print(damping_law, "agrees")
