@@ -287,7 +287,7 @@ def _state_of(run: Run, row: int) -> linearization.State:
     start = {name: np.asarray(getattr(given, name), dtype=float)[step] for name in INPUTS}
     last = carried(start, float(result.times[row] - result.times[step]))
     velocity, moving = result.velocity[row].copy(), list(model.moving)
-    velocity[moving] = last["node_velocity"]
+    velocity[moving] = np.where(model.moved[moving], last["node_velocity"], velocity[moving])
     last["rest_length"][list(model.actuated)] = result.wound_rest_length[row]
     return linearization.State(result.position[row], velocity, result.motor_speed[row], last)
 

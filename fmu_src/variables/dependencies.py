@@ -2,7 +2,8 @@
 those of moved nodes and of the bars that are pinned to them.
 
 At the start the lengths of the strings are given, so that an elastic force depends on its own string only; a bar pinned
-at one end swings under everything at its tip, a free bar's axial force is half the difference of its two end forces.
+at one end swings under everything at its tip, a free bar's axial force is half the difference of its two end forces.  Bars that
+share nodes move each other: all that acts on a group of them counts in each of its bars and reactions.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ KNOWN = frozenset(
     drum_radius bending_stiffness strength tolerance max_step method
     """.split()
 )
-#: Outputs that are the scene's at the start, or zero, but where nodes are moved.  Of any other that nothing is said about
-#: below, all that is known counts.
+#: Outputs that are the scene's at the start, or zero, but where nodes are moved or a start has velocities.  Of any other that
+#: nothing is said about below, all that is known counts.
 STARTED = ("position", "velocity", "wound_rest_length_rate", "motor_speed", "kinetic", "dissipated", "input_work", "throughput")
 
 
@@ -44,7 +45,7 @@ def initial_dependencies(model: Model) -> dict[int, set[int]]:
     for i, (string, _) in enumerate(model.strength):
         out[table.at("string_utilisation", i)] = table.tension(string) | {table.at("strength", i)}
     axes = len(model.axes)
-    for g, node in enumerate(model.fixed_nodes):
+    for g, node in enumerate(model.grounded_nodes):
         for axis in range(axes):
             out[table.at("reaction", g * axes + axis)] = table.reaction(int(node), axis)
     for a, s in enumerate(model.actuated):
@@ -64,13 +65,16 @@ def _of_motion(model: Model, table: Places) -> dict[int, set[int]]:
     """Positions, velocities and the kinetic energy of what moved nodes carry."""
     axes = len(model.axes)
     out: dict[int, set[int]] = {}
-    for node, mover in table.mover.items():
+    for node in table.movers:
         for axis in range(axes):
-            out[table.at("position", node * axes + axis)] = {table.at("node_position", mover * axes + axis)}
+            out[table.at("position", node * axes + axis)] = table.place(node, axis)
         for f in np.flatnonzero(model.free_nodes == node):
             out |= {table.at("velocity", int(f) * axes + axis): table.velocity(node) for axis in range(axes)}
-    if model.moving:
-        out[table.at("kinetic", 0)] = set().union(*(table.momentum(node) for node in model.moving))
+    fast = [b for b, ends in enumerate(model.bars) if np.any(model.velocity[ends])]
+    lone = [node for node in model.lone_nodes.tolist() if np.any(model.velocity[node])]
+    if model.moving or fast or lone:
+        masses = {table.at("bar_mass", b) for b in fast} | table.point_masses(*lone, *model.bars[fast].ravel().tolist())
+        out[table.at("kinetic", 0)] = masses.union(*(table.momentum(node) for node in model.moving))
     return out
 
 
@@ -78,7 +82,9 @@ class Places:
     """Sets of value references that belong together in one model.
 
     end: the first reference behind them;
-    mover: node -> place among the moved nodes of the one that it moves with, itself or its bar's pinned end.
+    movers: node -> places among the moved nodes of those that it moves with: itself, its bar's pinned end, or those of its
+    group; group_of: bar -> its group of bars that move each other, of those beyond class 1; joined: node -> the same, of nodes
+    that are not fixed along all axes.
     """
 
     def __init__(self, model: Model):
@@ -92,11 +98,22 @@ class Places:
         for s, nsh in model.honeycombs.items():
             self.first_beam[s] = beams
             beams += len(nsh.Q)
-        self.mover = {node: i for i, node in enumerate(model.moving)}
-        for a, b in model.bars.tolist():
-            for node, other in ((a, b), (b, a)):
-                if node in model.moving:
-                    self.mover[other] = model.moving.index(node)
+        joined = [group for group in model.groups if not group.class_1]
+        self.group_of = {b: group for group in joined for b in group.bars}
+        self.joined = {node: group for group in joined for node in group.nodes if not model.fixed[node]}
+        self.movers = self._movers()
+
+    def _movers(self) -> dict[int, tuple[int, ...]]:
+        moving, bars = self.model.moving, self.model.bars.tolist()
+        found = {node: (i,) for i, node in enumerate(moving)}
+        for b, (first, second) in enumerate(bars):
+            for node, other in ((first, second), (second, first)):
+                if node in moving and b not in self.group_of:
+                    found[other] = (moving.index(node),)
+        for node, group in self.joined.items():
+            if those := tuple(i for i, other in enumerate(moving) if other in group.nodes):
+                found[node] = those
+        return found
 
     def knowns(self) -> set[int]:
         """All inputs and parameters."""
@@ -114,9 +131,25 @@ class Places:
         return set(range(self.places[field].start, self.places[field].stop))
 
     def of_node(self, field: str, node: int) -> set[int]:
-        """A motion input of the moved node that this one moves with."""
+        """A motion input of the moved nodes that this one moves with."""
         axes = len(self.model.axes)
-        return {self.at(field, self.mover[node] * axes + axis) for axis in range(axes)} if node in self.mover else set()
+        return {self.at(field, mover * axes + axis) for mover in self.movers.get(node, ()) for axis in range(axes)}
+
+    def masses(self, node: int) -> set[int]:
+        """Of the group of bars that a node belongs to, of those beyond class 1."""
+        if node not in self.joined:
+            return set()
+        group = self.joined[node]
+        return {self.at("bar_mass", b) for b in group.bars} | self.point_masses(*group.nodes)
+
+    def place(self, node: int, axis: int | None = None) -> set[int]:
+        """Where a node is that moves with a moved one: along an axis, or at all.  A group of bars goes there the least way, in
+        the metric of its masses."""
+        known = self.of_node("node_position", node)
+        if known and node in self.joined:
+            return known | self.masses(node)
+        axes = len(self.model.axes)
+        return known if axis is None else {self.at("node_position", m * axes + axis) for m in self.movers.get(node, ())}
 
     def point_masses(self, *nodes: int) -> set[int]:
         """The masses at these nodes beside those of bars: point masses, and of strings that have mass."""
@@ -129,6 +162,8 @@ class Places:
         """What the velocity of a node depends on that moves with a moved one.  Of the bar's masses the impulse only knows the
         ratio."""
         known = self.of_node("node_velocity", node)
+        if known and node in self.joined:
+            return known | self.place(node)
         payload = self.point_masses(node)
         bars = np.flatnonzero((self.model.bars == node).any(axis=1))
         if known and payload and not self.model.fixed[node]:
@@ -138,12 +173,13 @@ class Places:
     def momentum(self, node: int) -> set[int]:
         """What the kinetic energy of a moved node and of the bar that is pinned there depends on."""
         ends = {node} | {int(end) for bar in self.model.bars if node in bar for end in bar}
-        known = self.point_masses(*ends).union(*(self.velocity(end) for end in ends))
+        ends |= {other for other, group in self.joined.items() if node in group.nodes}
+        known = self.point_masses(*ends).union(*map(self.masses, ends), *map(self.velocity, ends))
         return known | {self.at("bar_mass", b) for b, bar in enumerate(self.model.bars) if node in bar}
 
     def ends(self, s: int) -> set[int]:
         """Where the string's nodes are."""
-        return set().union(*(self.of_node("node_position", node) for node in self.model.paths[s]))
+        return set().union(*map(self.place, self.model.paths[s]))
 
     def curve(self, s: int) -> set[int]:
         """The shape of a string's NSH."""
@@ -160,25 +196,37 @@ class Places:
         rates = set().union(*(self.velocity(node) for node in self.model.paths[s]))
         if not self.model.actuator[s]:
             rates |= {self.at("rest_length_rate", s)}
-        return self.elastic(s) | rates | {self.at("damping", s)} if rates else self.elastic(s)
+        moves = rates or np.any(self.model.velocity[list(self.model.paths[s])])
+        return self.elastic(s) | rates | {self.at("damping", s)} if moves else self.elastic(s)
 
     def node(self, node: int) -> set[int]:
         """The force on a node by its strings, by drag and, where it is free, by the input."""
         known = set().union(*(self.tension(s) for s, path in enumerate(self.model.paths) if node in path))
         for i, (at, _) in enumerate(self.model.drag):
-            if at == node and self.velocity(node):
+            if at == node and (self.velocity(node) or np.any(self.model.velocity[node])):
                 known |= self.velocity(node) | {self.at("drag", i)}
         free = np.flatnonzero(self.model.free_nodes == node)
         axes = len(self.model.axes)
         return known | {self.at("force", int(f) * axes + axis) for f in free for axis in range(axes)}
 
+    def group_force(self, b: int) -> set[int]:
+        """What acts on the group of a bar that moves others."""
+        group = self.group_of[b]
+        known = {self.at("bar_mass", i) for i in group.bars} | self.point_masses(*group.nodes) | self.all("gravity")
+        known = known.union(*(self.node(node) for node in group.nodes if not self.model.fixed[node]))
+        moved = ("node_position", "node_velocity", "node_acceleration")
+        return known.union(*(self.of_node(field, node) for field in moved for node in group.nodes))
+
     def bar_force(self, b: int) -> set[int]:
+        if b in self.group_of:
+            return self.group_force(b)
         ends = [int(node) for node in self.model.bars[b]]
         free = [node for node in ends if not self.model.fixed[node]]
         known = set().union(*(self.node(node) for node in free))
         if len(free) == 2:
             payload = self.point_masses(*ends)
-            return known | payload | {self.at("bar_mass", b)} if payload else known
+            turns = bool(np.any(self.model.velocity[ends[0]] != self.model.velocity[ends[1]]))
+            return known | payload | {self.at("bar_mass", b)} if payload or turns else known
         motion = (self.of_node(field, ends[0]) for field in ("node_velocity", "node_acceleration"))
         return known.union(self.weight(b, free), *motion)
 
@@ -187,7 +235,10 @@ class Places:
         if not len(bars):
             return self.node(node) | self.inertia(node, axis)
         known = self.node(node) | self.of_node("node_velocity", node) | self.of_node("node_acceleration", node)
-        for b in bars:
+        for b in bars.tolist():
+            if b in self.group_of:
+                known |= self.group_force(b)
+                continue
             ends = [int(end) for end in self.model.bars[b]]
             known |= self.weight(int(b), ends).union(*(self.node(end) for end in ends))
         return known
@@ -201,8 +252,8 @@ class Places:
             known = payload | {self.at("gravity", axis)}
         else:
             known = payload | self.all("gravity") if self.model.axes[axis] == 2 else set()
-        if node in self.mover:
-            known |= payload | {self.at("node_acceleration", self.mover[node] * axes + axis)}
+        if node in self.movers:
+            known |= payload | {self.at("node_acceleration", m * axes + axis) for m in self.movers[node]}
         return known
 
     def weight(self, b: int, nodes: list[int]) -> set[int]:

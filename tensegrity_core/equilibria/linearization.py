@@ -27,7 +27,7 @@ from ..errors import InputError
 from ..fields import FIELDS, Field, size
 from ..laws import damping, string_law
 from ..model import Model
-from ..model.components import flattened, names
+from ..model.components import flattened, named, names
 from ..model.inputs import INPUTS, starts
 from ..model.routes import segments
 from ..model.strength import bar_utilisation, buckling_load, string_utilisation
@@ -98,13 +98,14 @@ def linearize(model: Model, state: State, side: str | None = None) -> Linear:
     Raises InputError where a string has two and none is chosen, and for a state that is not on the bars' lengths; TooLarge.
     """
     statics.require_small(model, "linearising it")
-    if model.joint:
-        raise InputError(f"{model.name}: {model.joint}, which linearising does not know yet; ask for its modes instead")
     if model.ground is not None:
         raise InputError(f"{model.name}: it stands on the ground, which linearising does not know yet; leave [ground] out")
     if side is not None and side not in SIDES:
         raise InputError(f"side = {side!r} is not known; use {' or '.join(SIDES)}")
-    return _System(replace(model, nodes=state.nodes), state, _Strings(model, state, side)).linear()
+    from .jointed import JointedSystem  # which is made of what stands here
+
+    kind = JointedSystem if model.joint else System
+    return kind(replace(model, nodes=state.nodes), state, _Strings(model, state, side)).linear()
 
 
 class _Strings:
@@ -191,7 +192,7 @@ def _on_drums(model: Model, state: State) -> np.ndarray:
     return rate
 
 
-class _System:
+class System:
     """The derivatives of everything over the columns z."""
 
     def __init__(self, model: Model, state: State, strings: _Strings):
@@ -232,7 +233,7 @@ class _System:
         self.n = self.r + len(self.motors)
         for name, field in fields:
             values = flattened(field, model, np.asarray(self.state.inputs[name], dtype=float)[None])[0]
-            kept = [j for j in range(len(values)) if field.shape != ("S",) or j not in model.motors]
+            kept = [j for j in named(field, model).values() if field.shape != ("S",) or j not in model.motors]
             self.place[name] = (2 * self.n + len(self.inputs), kept)
             listed = names(field, model)
             self.inputs += [Quantity(listed[j], field.unit, float(values[j])) for j in kept]
@@ -253,11 +254,19 @@ class _System:
         return found
 
     def _bars(self) -> None:
-        """b, levers (B, 2): the ends' places about the bar's fixed end or middle; turn (B, D, r): Delta."""
+        """levers (B, 2): the ends' places about the bar's fixed end or middle; turn (B, D, r): Delta."""
         model, D = self.model, len(self.axes)
-        first, second = model.bars[:, 0], model.bars[:, 1]
-        x, v, phi = self.x.reshape(-1, D), self.v.reshape(-1, D), self.phi.reshape(len(model.nodes), D, self.r)
-        self.b, bdot = x[second] - x[first], v[second] - v[first]
+        self._vectors()
+        phi = self.phi.reshape(len(model.nodes), D, self.r)
+        self.turn = phi[model.bars[:, 1]] - phi[model.bars[:, 0]]
+        fixed = model.fixed[model.bars]
+        self.lever = np.where(fixed.any(1)[:, None], np.where(fixed, 0.0, [[-1.0, 1.0]]), [[-0.5, 0.5]])
+
+    def _vectors(self) -> None:
+        """b (B, D) m and l2 (B,) m2.  Raises InputError where the state stretches a bar."""
+        model, D = self.model, len(self.axes)
+        x, v = (values.reshape(-1, D)[model.bars] for values in (self.x, self.v))
+        self.b, bdot = x[:, 1] - x[:, 0], v[:, 1] - v[:, 0]
         self.l2 = (self.b * self.b).sum(1)
         nominal = statics.lengths_between(model.nominal, model.bars)
         off = np.abs(np.sqrt(self.l2) / nominal - 1.0)
@@ -268,9 +277,6 @@ class _System:
         if (along > LENGTHS * max(1.0, np.abs(v).max())).any():
             name = model.bar_names[int(np.argmax(along))]
             raise InputError(f"the velocities stretch {name}; give those of a motion that keeps the bars' lengths")
-        self.turn = phi[second] - phi[first]
-        fixed = model.fixed[model.bars]
-        self.lever = np.where(fixed.any(1)[:, None], np.where(fixed, 0.0, [[-1.0, 1.0]]), [[-0.5, 0.5]])
 
     def _spread(self, of_bars: np.ndarray) -> np.ndarray:
         """(n, k) of the nodes' coordinates, from what the bars' vectors have (B, D, k)."""
@@ -297,6 +303,14 @@ class _System:
         whole = (t * t).sum(1)[:, None, None] * self.turn + 2.0 * t[:, :, None] * along[:, None]
         return self._spread(-whole / self.l2[:, None, None])
 
+    def _bending(self, order: int) -> np.ndarray:
+        """(k, columns of z): the coordinates that places bend with, 0, or their rates, 1."""
+        return np.eye(self.n, self.width, order * self.n)[: self.r]
+
+    def _whole(self, of_y: np.ndarray, field: str) -> np.ndarray:
+        """(k,): of these coordinates what y has (r,), and what a field of the inputs gives."""
+        return of_y
+
     def _masses(self) -> None:
         """mass (n, n) kg, of all nodes."""
         model, D = self.model, len(self.axes)
@@ -319,7 +333,7 @@ class _System:
         outputs = self._outputs(at, rows, accelerations)
         values = np.concatenate([value for _, value, _ in outputs])
         matrix = np.vstack([matrix for _, _, matrix in outputs])
-        listed = [(name, field.unit) for field, _, _ in outputs for name in names(field, self.model)]
+        listed = [(name, field.unit) for field, _, _ in outputs for name in named(field, self.model)]
         whole = np.vstack([np.eye(n, self.width, n), accelerations])
         motors = [f"{self.model.string_names[j]}.actuator" for j in self.model.actuated]
         states = [Quantity(name, "m", 0.0) for name in self.names] + [Quantity(f"{name}.angle", "rad", 0.0) for name in motors]
@@ -346,7 +360,8 @@ class _System:
         w = self._w()
         force = np.reshape(given["force"][:, axes], (count, -1)).ravel() + self.weight - self.drag * self.v
         force -= strings.growth.T @ strings.tension
-        given_a = self._bent(w) @ w + self.moved @ np.reshape(given["node_acceleration"][:, axes], -1)
+        speeds = self._whole(w, "node_velocity")
+        given_a = self._bent(speeds) @ speeds + self.moved @ np.reshape(given["node_acceleration"][:, axes], -1)
         self.inertia = self.phi.T @ self.mass @ self.phi
         wdot = np.linalg.solve(self.inertia, self.phi.T @ (force - self.mass @ given_a)) if self.r else np.zeros(0)
         residual = self.mass @ (self.phi @ wdot + given_a) - force
@@ -363,7 +378,8 @@ class _System:
         one = np.eye(n, self.width), np.eye(n, self.width, n)
         w = self._w()
         x = self.phi @ one[0][:r] + self.moved @ self._input("node_position")
-        v = self.phi @ one[1][:r] + self._bent(w) @ one[0][:r] + self.moved @ self._input("node_velocity")
+        v = self.phi @ one[1][:r] + self._bent(self._whole(w, "node_velocity")) @ self._bending(0)
+        v += self.moved @ self._input("node_velocity")
         rest, rest_rate = self._input("rest_length"), self._input("rest_length_rate")
         for motor, (j, actuator) in enumerate(model.motors.items()):
             rest[j], rest_rate[j] = -actuator.radius * one[0][r + motor], -actuator.radius * one[1][r + motor]
@@ -387,17 +403,19 @@ class _System:
 
     def _given(self, at: _At) -> np.ndarray:
         """(n, columns of z): the derivatives of x'' but for those of y''."""
-        n, r = self.n, self.r
-        y, w = np.eye(n, self.width)[:r], np.eye(n, self.width, n)[:r]
-        found = (self._bent(at.wdot) + self._twice_bent(at.w)) @ y + 2.0 * self._bent(at.w) @ w
+        speeds, rates = self._whole(at.w, "node_velocity"), self._whole(at.wdot, "node_acceleration")
+        found = (self._bent(rates) + self._twice_bent(speeds)) @ self._bending(0) + 2.0 * self._bent(speeds) @ self._bending(1)
         return found + self.moved @ self._input("node_acceleration")
 
     def _turned(self, at: _At, rows: _Rows) -> np.ndarray:
         """(r, columns of z): y''."""
-        pulls = -(self.b * self._on_bars(at.residual[:, None])[:, :, 0]).sum(1) / self.l2  # force densities, tension positive
-        turned = np.einsum("bdi,b,bdj->ij", self.turn, pulls, self.turn) @ np.eye(self.n, self.width)[: self.r]
-        right = self.phi.T @ (rows.force - self.mass @ self._given(at)) - turned
+        right = self.phi.T @ (rows.force - self.mass @ self._given(at)) - self._tilted(at)
         return np.linalg.solve(self.inertia, right) if self.r else right
+
+    def _tilted(self, at: _At) -> np.ndarray:
+        """(r, columns of z): what the bars' forces do along Phi as it turns."""
+        pulls = -(self.b * self._on_bars(at.residual[:, None])[:, :, 0]).sum(1) / self.l2  # force densities, tension positive
+        return np.einsum("bdi,b,bdj->ij", self.turn, pulls, self.turn) @ np.eye(self.n, self.width)[: self.r]
 
     def _wound(self, rows: _Rows) -> np.ndarray:
         """(A, columns of z): delta''."""
@@ -413,17 +431,8 @@ class _System:
         """Field, values and derivatives over z of all outputs."""
         model, D, strings, wound = self.model, len(self.axes), self.strings, list(self.model.actuated)
         residual = self.mass @ (self.phi @ accelerations[: self.r] + self._given(at)) - rows.force
-        y = np.eye(self.n, self.width)[: self.r]
-        by_lever, turned = self._on_bars(at.residual[:, None])[:, :, 0], self.turn @ y
-        density = (self.b * by_lever).sum(1) / self.l2  # lambda
-        by = np.einsum("bdz,bd->bz", turned, by_lever) + np.einsum("bd,bdz->bz", self.b, self._on_bars(residual))
-        by, length = by / self.l2[:, None], np.sqrt(self.l2)
-        ground = at.residual.reshape(-1, D).copy(), residual.reshape(-1, D, self.width).copy()
-        for end, sign in ((0, -1.0), (1, 1.0)):
-            np.subtract.at(ground[0], model.bars[:, end], sign * density[:, None] * self.b)
-            change = self.b[:, :, None] * by[:, None] + density[:, None, None] * turned
-            np.subtract.at(ground[1], model.bars[:, end], sign * change)
-        free, fixed = model.free_nodes, model.fixed_nodes
+        held = self._held_by(at, rows, residual)
+        free, grounded = model.free_nodes, model.grounded_nodes
         rest = self.state.inputs["rest_length"]
         found = {
             "position": (self.x, rows.x),
@@ -434,11 +443,30 @@ class _System:
             "wound_rest_length": (rest[wound], rows.rest[wound]),
             "wound_rest_length_rate": (_on_drums(model, self.state)[wound], rows.rest_rate[wound]),
             "motor_speed": (self.state.speed, np.eye(self.n, self.width, self.n)[self.r :]),
-            "bar_force": (-density * length, -by * length[:, None]),
-            "reaction": (ground[0][fixed].ravel(), ground[1][fixed].reshape(-1, self.width)),
+            "bar_force": (held.bars, held.by_bars),
+            "reaction": (
+                held.ground.reshape(-1, D)[grounded].ravel(),
+                held.by_ground.reshape(-1, D, self.width)[grounded].reshape(-1, self.width),
+            ),
         }
         found |= self._utilisation(found)
-        return [(field, *found[field.name]) for field in OUTPUTS if size(field, model.counts)]
+        places = {field: list(named(field, model).values()) for field in OUTPUTS if size(field, model.counts)}
+        return [(field, *(part[at] for part in found[field.name])) for field, at in places.items()]
+
+    def _held_by(self, at: _At, rows: _Rows, residual: np.ndarray) -> HeldBy:
+        """What keeps the structure on its bars and on the ground.  residual: derivatives of M x'' - F over z."""
+        model, D = self.model, len(self.axes)
+        y = np.eye(self.n, self.width)[: self.r]
+        by_lever, turned = self._on_bars(at.residual[:, None])[:, :, 0], self.turn @ y
+        density = (self.b * by_lever).sum(1) / self.l2  # lambda
+        by = np.einsum("bdz,bd->bz", turned, by_lever) + np.einsum("bd,bdz->bz", self.b, self._on_bars(residual))
+        by, length = by / self.l2[:, None], np.sqrt(self.l2)
+        ground = at.residual.reshape(-1, D).copy(), residual.reshape(-1, D, self.width).copy()
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            np.subtract.at(ground[0], model.bars[:, end], sign * density[:, None] * self.b)
+            change = self.b[:, :, None] * by[:, None] + density[:, None, None] * turned
+            np.subtract.at(ground[1], model.bars[:, end], sign * change)
+        return HeldBy(-density * length, -by * length[:, None], ground[0].ravel(), ground[1].reshape(-1, self.width))
 
     def _utilisation(self, pulls: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Utilisations and their derivatives over z, from those of the forces: constant factors, but where they are 0."""
@@ -450,6 +478,16 @@ class _System:
             "bar_utilisation": (bars, per_force[:, None] * by_bars[[bar for bar, _ in model.sections]]),
             "string_utilisation": (strings, per_tension[:, None] * by_strings[[string for string, _ in model.strength]]),
         }
+
+
+class HeldBy(NamedTuple):
+    """bars (B,), by_bars (B, columns of z): the bars' forces, tension positive, and their derivatives; ground (n,), by_ground
+    (n, columns of z): those of the ground, which matter at nodes that it holds; N."""
+
+    bars: np.ndarray
+    by_bars: np.ndarray
+    ground: np.ndarray
+    by_ground: np.ndarray
 
 
 class _At(NamedTuple):
