@@ -30,8 +30,8 @@ class Start:
         half = self.graph.half
         if state >= 2 * half:
             return set()
-        block, _ = self._place(state % half)
-        return self._rate(block) if state >= half else self._coordinate(block)
+        block, axis = self.graph.place(state % half)
+        return self._rate(block) if state >= half else self._coordinate(block, axis)
 
     def derivative(self, state: int) -> set[int]:
         """Of its derivative."""
@@ -40,18 +40,15 @@ class Start:
             return self.state(half + state)
         if state >= 2 * half:
             return self._dissipated() if state == 2 * half else self._input_work()
-        block, axis = self._place(state - half)
+        block, axis = self.graph.place(state - half)
         if block in self.string_of:
             return self._winding(self.string_of[block])
         if block in self.node_of:
             node = self.node_of[block]
+            if node in self.places.joined:
+                return self.places.group_force(self.places.joined[node].bars[0])
             return self._forces(node, axis) | self.places.point_masses(node) | self._gravity(axis)
         return self._bar(self.bar_of[block], axis, turns=block == self.graph.of_bar[self.bar_of[block]][-1])
-
-    def _place(self, coordinate: int) -> tuple[int, int]:
-        """Block of a coordinate, and which of its coordinates it is."""
-        block = int(np.searchsorted(self.graph.starts, coordinate, side="right")) - 1
-        return block, coordinate - int(self.graph.starts[block])
 
     def _ends(self, b: int) -> tuple[list[int], list[int]]:
         """Nodes of a bar, and the free ones among them."""
@@ -64,11 +61,15 @@ class Start:
         payload = self.places.point_masses(*ends)
         return payload | {self.places.at("bar_mass", b)} if payload else set()
 
-    def _coordinate(self, block: int) -> set[int]:
+    def _coordinate(self, block: int, axis: int) -> set[int]:
+        if self.node_of.get(block) in self.places.joined:
+            return self.places.place(self.node_of[block], axis)
         b = self.bar_of.get(block)
         return set() if b is None or block == self.graph.of_bar[b][-1] else self._centre(b)
 
     def _rate(self, block: int) -> set[int]:
+        if self.node_of.get(block) in self.places.joined:
+            return self.places.velocity(self.node_of[block])
         b = self.bar_of.get(block)
         if b is None:
             return set()
@@ -113,11 +114,12 @@ class Start:
         found: set[int] = set()
         for s in range(len(self.model.strings)):
             rates = self._stretching(s)
-            if rates:
+            if rates or np.any(self.model.velocity[list(self.model.paths[s])]):
                 spring = self.places.elastic(s) if self.model.damping_law == "tension_only" else self.places.ends(s)
                 found |= rates | spring | {self.places.at("damping", s)}
         for i, (node, _) in enumerate(self.model.drag):
-            if known := self.places.velocity(node):
+            known = self.places.velocity(node)
+            if known or np.any(self.model.velocity[node]):
                 found |= known | {self.places.at("drag", i)}
         return found
 
@@ -130,4 +132,6 @@ class Start:
             found |= self.places.of_node("node_velocity", node)
             found = found.union(*(self.places.reaction(node, axis) for axis in range(self.axes)))
         # What a force does at the far end of a bar that a moved node sets moving, the ground takes back at the near one.
-        return found - self.places.all("force")
+        found -= self.places.all("force")
+        axes, fast = self.axes, np.flatnonzero(np.any(self.model.velocity[self.model.free_nodes] != 0.0, axis=1))
+        return found | {self.places.at("force", int(f) * axes + axis) for f in fast for axis in range(axes)}

@@ -165,25 +165,31 @@ def _local(reference: int, name: str, unit: str, meaning: str, nominal: float, n
 
 
 class Graph:
-    """What hangs on what.  A block is a list of coordinates that strings and forces act on together; names, units, meanings,
-    arrays: of the states that are no outputs; first: the reference of the first of them."""
+    """What hangs on what.  A block is a list of coordinates that strings and forces act on together, each along an axis,
+    counted among those that the scene uses, or one along none.  Nodes of bars beyond class 1 have blocks of their own.
+
+    names, units, meanings, arrays: of the states that are no outputs; first: the reference of the first of them."""
 
     def __init__(self, model: Model):
         self.model, self.places = model, Places(model)
         self.axes = len(model.axes)
         self.first = self.places.end
-        self.blocks: list[tuple[str, int, str]] = []  # name, how many coordinates, meaning
+        self.blocks: list[tuple[str, tuple[int, ...], str]] = []  # name, axes, meaning
+        every = tuple(range(self.axes))
         self.of_node: dict[int, list[int]] = {node: [] for node in range(len(model.nodes))}
         self.of_bar: list[list[int]] = []
         for b, ends in enumerate(model.bars.tolist()):
             name, free = model.bar_names[b], [node for node in ends if not model.fixed[node]]
-            own = []
+            own: list[int] = []
+            self.of_bar.append(own)
+            if b in self.places.group_of:
+                continue
             if len(free) == 2:
-                own.append(self._add(f"{name}.center", self.axes, f"bar {name}: centre of mass with its point masses"))
+                own.append(self._add(f"{name}.center", every, f"bar {name}: centre of mass with its point masses"))
             own.append(
                 self._add(
                     f"{name}.vector",
-                    self.axes,
+                    every,
                     f"bar {name}: vector from its first node to its second"
                     if len(free) == 2
                     else f"bar {name}: vector from its fixed node to its other",
@@ -191,32 +197,32 @@ class Graph:
             )
             for node in free:
                 self.of_node[node] = own
-            self.of_bar.append(own)
-        on_bars = set(model.bars.ravel().tolist())
+        lone = set(model.lone_nodes.tolist())
         for node in model.free_nodes.tolist():
-            if node not in on_bars:
+            if node in lone or node in self.places.joined:
                 name = model.node_names[node]
-                self.of_node[node] = [self._add(f"{name}.coordinate", self.axes, f"point mass {name}: position")]
+                free_axes = tuple(i for i, axis in enumerate(model.axes) if not model.held[node, axis])
+                what = f"{'point mass' if node in lone else 'node'} {name}: position"
+                self.of_node[node] = [self._add(f"{name}.coordinate", free_axes, what)]
         self.motor = {}
         for s in model.actuated:
             name = model.string_names[s]
-            self.motor[s] = self._add(f"{name}.actuator.wound", 1, f"string {name}: length that its actuator has wound in")
-        self.starts = np.cumsum([0, *(count for _, count, _ in self.blocks)])
+            self.motor[s] = self._add(f"{name}.actuator.wound", (), f"string {name}: length that its actuator has wound in")
+        self.starts = np.cumsum([0, *(len(axes) or 1 for _, axes, _ in self.blocks)])
         self.half = int(self.starts[-1])
         self.names, self.units, self.meanings = [], [], []
         self.arrays: list[Array | None] = []
         for suffix, unit, of in (("", "m", ""), ("_rate", "m/s", "rate of ")):
-            for name, count, meaning in self.blocks:
-                whole = None if count == 1 else Array(f"{name}{suffix}", f"{of}{meaning}")
-                for axis in range(count):
-                    along = f".{AXES[model.axes[axis]]}" if count > 1 else ""
+            for name, axes, meaning in self.blocks:
+                whole = None if axes != every else Array(f"{name}{suffix}", f"{of}{meaning}")
+                for along in [f".{AXES[model.axes[axis]]}" for axis in axes] or [""]:
                     self.names.append(f"{name}{suffix}{along}")
                     self.units.append(unit)
                     self.meanings.append(f"{of}{meaning}{f', along {along[1:]}' if along else ''}")
                     self.arrays.append(whole)
 
-    def _add(self, name: str, count: int, meaning: str) -> int:
-        self.blocks.append((name, count, meaning))
+    def _add(self, name: str, axes: tuple[int, ...], meaning: str) -> int:
+        self.blocks.append((name, axes, meaning))
         return len(self.blocks) - 1
 
     def rate(self, state: int) -> int:
@@ -229,16 +235,21 @@ class Graph:
         """Of the states of these blocks, or of their rates; axis: that one only."""
         found, offset = set(), self.first + (self.half if rates else 0)
         for block in blocks:
-            count = self.blocks[block][1]
-            found |= {offset + int(self.starts[block]) + i for i in range(count) if axis in (None, i)}
+            first, axes = offset + int(self.starts[block]), self.blocks[block][1] or (None,)
+            found |= {first + i for i, along in enumerate(axes) if axis in (None, along)}
         return found
 
+    def place(self, coordinate: int) -> tuple[int, int]:
+        """Block of a coordinate, and its axis there; 0 where it has none."""
+        block = int(np.searchsorted(self.starts, coordinate, side="right")) - 1
+        return block, (self.blocks[block][1] or (0,))[coordinate - int(self.starts[block])]
+
     def moved(self, field: str, node: int, axis: int | None = None) -> set[int]:
-        """An input of the moved node that this one moves with."""
-        if node not in self.places.mover:
-            return set()
-        first = self.places.mover[node] * self.axes
-        return {self.places.at(field, first + i) for i in range(self.axes) if axis in (None, i)}
+        """An input of the moved node that this one is, or whose bar of class 1 it belongs to."""
+        movers = self.places.movers.get(node, ())
+        if node in self.places.joined:
+            movers = tuple(i for i in movers if self.model.moving[i] == node)
+        return {self.places.at(field, e * self.axes + i) for e in movers for i in range(self.axes) if axis in (None, i)}
 
     def position(self, node: int, axis: int | None = None) -> set[int]:
         return self.coordinates(self.of_node[node], False, axis) | self.moved("node_position", node, axis)
@@ -276,8 +287,19 @@ class Graph:
             found |= {self.places.at("force", int(f) * self.axes + axis) for axis in axes}
         return found
 
+    def on_group(self, b: int) -> set[int]:
+        """What accelerates the nodes of a bar that moves others, and bears on all of them."""
+        nodes = self.places.group_of[b].nodes
+        found: set[int] = set()
+        for node in nodes:
+            found |= set() if self.model.fixed[node] else self.on_node(node)
+            found |= self.position(node) | self.velocity(node) | self.moved("node_acceleration", node)
+        return found
+
     def on_bar(self, b: int, along: int | None = None) -> set[int]:
-        """What accelerates a bar: the forces at its free ends, and its pin."""
+        """What accelerates a bar: the forces at its free ends, and its pin; of one that moves others those of its group."""
+        if b in self.places.group_of:
+            return self.on_group(b)
         ends = [int(node) for node in self.model.bars[b]]
         free = [node for node in ends if not self.model.fixed[node]]
         found = set().union(*(self.on_node(node, along) for node in free))
@@ -291,20 +313,20 @@ class Graph:
             return frozenset({self.first + self.half + state})
         if state >= 2 * self.half:
             return frozenset(self._power(state - 2 * self.half))
-        block = int(np.searchsorted(self.starts, state - self.half, side="right")) - 1
+        block, axis = self.place(state - self.half)
         for s, motor in self.motor.items():
             if motor == block:
                 a = list(self.motor).index(s)
                 inputs = {self.places.at("current", a), self.places.at("drum_load", a)}
                 return frozenset(self.tension(s) | self.coordinates([block], True) | inputs)
-        axis = state - self.half - int(self.starts[block])
         for b, own in enumerate(self.of_bar):
-            if block == own[-1]:  # turns: what acts along one axis moves it along the others
+            if block in own[-1:]:  # turns: what acts along one axis moves it along the others
                 return frozenset(self.on_bar(b) | self.coordinates([block]) | self.coordinates([block], True))
             if block in own:
                 return frozenset(self.on_bar(b, axis))
         node = next(node for node, own in self.of_node.items() if own == [block])
-        return frozenset(self.on_node(node, axis))
+        group = self.places.joined.get(node)
+        return frozenset(self.on_node(node, axis) if group is None else self.on_group(group.bars[0]))
 
     def _power(self, which: int) -> set[int]:
         """Of the dissipated energy (0), of the input work (1)."""
@@ -373,7 +395,7 @@ class Graph:
         return self.tension(self.model.strength[i][0])
 
     def output_reaction(self, i: int) -> set[int]:
-        node, axis = int(self.model.fixed_nodes[i // self.axes]), i % self.axes
+        node, axis = int(self.model.grounded_nodes[i // self.axes]), i % self.axes
         found = self.on_node(node)
         bars = [b for b, ends in enumerate(self.model.bars.tolist()) if node in ends]
         if self.places.point_masses(node) and not bars:

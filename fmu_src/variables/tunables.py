@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from .states import Graph
 
@@ -43,7 +41,11 @@ class Tunables:
         return found.union(*(self.tension(s) for s, path in enumerate(self.model.paths) if node in path))
 
     def on_bar(self, b: int) -> set[int]:
-        """The forces that turn it: at both ends of a free bar, at the tip of a pinned one with gravity."""
+        """The forces that turn it: at both ends of a free bar, at the tip of a pinned one with gravity; of one that moves
+        others those of its group."""
+        if b in self.places.group_of:
+            nodes = self.places.group_of[b].nodes
+            return self.gravity().union(*(self.on_node(node) for node in nodes if not self.model.fixed[node]))
         free = [int(node) for node in self.model.bars[b] if not self.model.fixed[node]]
         found = set().union(*(self.on_node(node) for node in free))
         return found if len(free) == 2 else found | self.gravity()
@@ -57,18 +59,18 @@ class Tunables:
             return frozenset()
         if state >= 2 * graph.half:
             return frozenset(self._power(state - 2 * graph.half))
-        block = int(np.searchsorted(graph.starts, state - graph.half, side="right")) - 1
-        axis = state - graph.half - int(graph.starts[block])
+        block, axis = graph.place(state - graph.half)
         for s, motor in graph.motor.items():
             if motor == block:
                 return frozenset(self.tension(s))
         for b, own in enumerate(graph.of_bar):
-            if block == own[-1]:
+            if block in own[-1:]:
                 return frozenset(self.on_bar(b))
             if block in own:
                 return frozenset(self.on_bar(b) | self.gravity(axis))
         node = next(node for node, own in graph.of_node.items() if own == [block])
-        return frozenset(self.on_node(node) | self.gravity(axis))
+        group = self.places.joined.get(node)
+        return frozenset(self.on_node(node) | self.gravity(axis) if group is None else self.on_bar(group.bars[0]))
 
     def _power(self, which: int) -> set[int]:
         """Of the dissipated energy (0), of the input work (1)."""
@@ -100,7 +102,7 @@ class Tunables:
         return self.tension(self.model.strength[i][0])
 
     def output_reaction(self, i: int) -> set[int]:
-        return self._reaction(int(self.model.fixed_nodes[i // self.graph.axes]), i % self.graph.axes)
+        return self._reaction(int(self.model.grounded_nodes[i // self.graph.axes]), i % self.graph.axes)
 
     def _reaction(self, node: int, axis: int) -> set[int]:
         bars = [b for b, ends in enumerate(self.model.bars.tolist()) if node in ends]

@@ -2,8 +2,8 @@
 
 Constraints are g(x) = 0: the bars' half squares of lengths, those of the distances that welds keep, and the followers of welds
 (see `model.welds`), which are linear.  The r coordinates y are those of nodes, as many and such that the null space of the
-constraints is Phi with the unit matrix in their rows; p are the positions of moved nodes.  With G = g_x, T = [Phi P], G T = 0, and a right
-inverse L of G with zeros in the rows of y, so that these stay what they are,
+constraints is Phi with the unit matrix in their rows; p are the positions of moved nodes.  With G = g_x, T = [Phi P], G T = 0,
+and a right inverse L of G with zeros in the rows of y, so that these stay what they are,
 
     x_zz[., w] = -L H[., w],   x_zzz[., w, w] = -L (2 H[x_zz[., w], w] + H[x_zz[w, w], .]),   z = (y, p),
 

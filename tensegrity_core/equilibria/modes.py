@@ -148,9 +148,17 @@ def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:
     return named + [Mode(complex(values[i]), _shape(model, shapes[:, i])) for i in order]
 
 
+def free_motions(model: Model) -> int:
+    """How many independent motions keep the bars' lengths and what is fixed."""
+    if not model.joint:
+        return statics.freedoms(model) - len(model.bars)
+    balance = statics.balance_of(model)
+    return balance.basis(balance.shape(statics.free_rows(model, model.nodes))).shape[1]
+
+
 def seconds(model: Model, damped: bool = True) -> float:
     """How long `modes` takes, about."""
-    freedom = statics.freedoms(model) - len(model.bars)
+    freedom = max(0, statics.freedoms(model) - len(model.bars))
     return (4e-9 if damped else 4e-10) * freedom**3
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import statics
-from ..equilibria.modes import Mode
+from ..equilibria.modes import Mode, free_motions
 from ..files import replacing_text
 from ..model import Model
 
@@ -16,7 +16,7 @@ from ..model import Model
 def summary(model: Model, found: list[Mode], count: int, force: np.ndarray | None = None) -> str:
     """What `tensegrity modes` prints: directions that nothing resists by name, then a line per mode, the longest-lived
     first."""
-    freedoms = len(model.free_nodes) * len(model.axes) - len(model.bars)
+    freedoms = free_motions(model)
     neutral, found = [mode.neutral for mode in found if mode.neutral], [mode for mode in found if not mode.neutral]
     lines = [f"{model.name}: {freedoms} degrees of freedom"]
     off, node, equilibrium = statics.unbalanced(model, force)
