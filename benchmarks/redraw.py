@@ -19,6 +19,7 @@ PAGES = (
     "article.memory",
     "coupling.run",
     "exchange.run",
+    "ground.run",
     "importers.run",
     "speed.fmu_speed",
     "speed.growth",
