@@ -104,7 +104,11 @@ class _Programs:
 
 def unknown(model: Model) -> tuple[str, str] | None:
     """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
-    return (model.joint, "let every bar have its own nodes") if model.joint else None
+    if model.joint:
+        return model.joint, "let every bar have its own nodes"
+    if model.ground is not None and model.ground.law == "literal":
+        return "its ground pulls", 'write law = "clipped" in [ground]'
+    return None
 
 
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
