@@ -22,6 +22,8 @@ from ..model.ground import CONTACT_MODES
 from .equations import diagonal
 from .moved import path
 
+#: Deflection of a bristle, m, below which round-off and tolerances decide on its direction.
+SHORT = 1e-12
 APART, STICKING, SLIPPING, CLIPPED = range(len(CONTACT_MODES))
 
 
@@ -154,8 +156,9 @@ class Contacts:
 
 
 def _unit(bristle, slide):
-    """(d, K) u / |u|; where u = 0 that of v_t; where that is 0, too, 0."""
-    found = np.where(np.any(bristle != 0.0, axis=0), bristle, slide)
+    """(d, K) u / |u|; where u is too short to say, that of v_t, from which u grows and to which it goes as it vanishes; where
+    that is 0, too, 0."""
+    found = np.where(np.any(np.abs(bristle) > SHORT, axis=0), bristle, slide)
     size = np.abs(found).max(axis=0, initial=0.0)
     found = found / np.where(size > 0.0, size, 1.0)  # so that no square vanishes
     return found / np.where(size > 0.0, np.sqrt(diagonal(found, found)), 1.0)
