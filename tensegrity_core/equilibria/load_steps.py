@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..laws.string_laws import TOUCH, OnPieces
+from ..statics import shortest_bar
 from .paths import LONGEST, TURN, Path
 from .points import SETTLED, Local, Point
 from .saddle import Bordered, Saddle
@@ -131,7 +132,7 @@ class LoadSteps:
 
     def __init__(self, equations, scale: float):
         self.equations, self.scale, self.saddle = equations, scale, Saddle(equations)
-        self.longest = LONGEST * float(equations.model.bar_length.min())
+        self.longest = LONGEST * shortest_bar(equations.model)
         self._n, self._wound = equations.size, equations.loading.rest_length_direction
         self._last: State | None = None
         self._point: Point | None = None

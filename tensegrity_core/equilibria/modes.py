@@ -112,16 +112,17 @@ def _at_nodes(model: Model, values: dict[int, float]) -> np.ndarray:
 
 
 def mass_matrix(model: Model) -> np.ndarray:
-    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars, point masses, and what strings have at their
-    nodes; fixed nodes left out."""
-    place = statics.places(model)
-    first, second = np.moveaxis(place[model.bars], 1, 0)  # (B, D) each
+    """(n, n) kg, of the free coordinates: consistent mass of thin rigid bars and, where asked for, of strings' segments, point
+    masses, and what strings have at their nodes; fixed nodes left out."""
+    place, links = statics.places(model), model.string_mass_links
+    thin = np.vstack((model.bars, np.array([ends for _, *ends, _ in links], dtype=int).reshape(-1, 2)))
+    mass = np.append(model.bar_mass, [part * model.string_mass[string] for string, _, _, part in links])
+    first, second = np.moveaxis(place[thin], 1, 0)  # (B, D) each
     rows, columns = np.stack([first, first, second, second]), np.stack([first, second, first, second])
-    share = (model.bar_mass / np.array([[3.0], [6.0], [6.0], [3.0]]))[:, :, None]
+    share = (mass / np.array([[3.0], [6.0], [6.0], [3.0]]))[:, :, None]
     n = statics.freedoms(model)
     full = statics.Dense(rows, columns, (n, n))(np.broadcast_to(share, rows.shape))
-    full[np.diag_indices(n)] += _at_nodes(model, model.payload)
-    return full
+    return full + np.diag(_at_nodes(model, model.payload))
 
 
 def modes(model: Model, force=None, damped: bool = True) -> list[Mode]:

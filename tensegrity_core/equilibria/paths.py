@@ -347,7 +347,7 @@ def _angle(a: np.ndarray, b: np.ndarray) -> float:
 
 def scale_of(model: Model, start: float, goal: float) -> float:
     """c, m per unit of p; see WHOLE_WAY."""
-    return WHOLE_WAY * float(model.bar_length.min()) / (abs(float(goal - start)) or 1.0)
+    return WHOLE_WAY * statics.shortest_bar(model) / (abs(float(goal - start)) or 1.0)
 
 
 def point_at(equations: Equations, scale: float, nodes: np.ndarray, parameter: float, towards: float) -> Point:
@@ -409,7 +409,7 @@ def follow_from(
     seen: Callable[[float], object] | None = None,
 ) -> Path:
     """`follow` from a point of a path, in the direction of its tangent.  seen: gets the p of each point."""
-    follower = _Follower(equations, scale, first, LONGEST * float(equations.model.bar_length.min()))
+    follower = _Follower(equations, scale, first, LONGEST * statics.shortest_bar(equations.model))
     path, (low, high), met_unstable = follower.path, sorted((start, goal)), not first.stable
     while not path.end:
         for point in follower.advance():
@@ -445,7 +445,7 @@ def branches(path: Path, point: Point) -> list[Point]:
     found = []
     for i, sign in itertools.product(critical, (1.0, -1.0)):
         way = np.append(sign * tangent.basis @ vectors[:, i], 0.0)
-        aside = ASIDE * float(equations.model.bar_length.min())
+        aside = ASIDE * statics.shortest_bar(equations.model)
         while aside > SHORTEST:
             guess = equations.moved(point.free, aside * way[:-1])
             solved = newton(equations, scale, guess, point.parameter, point.piece, way, SETTLED)

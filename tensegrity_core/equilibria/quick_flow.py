@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..statics import shortest_bar
 from .saddle import Saddle
 
 MOST = 150  # steps
@@ -41,7 +42,7 @@ class _Flow:
     def __init__(self, saddle: Saddle, parameter: float):
         self.saddle, self.parameter = saddle, parameter
         equations = saddle.equations
-        self._longest = PART_OF_BAR * float(equations.model.bar_length.min())
+        self._longest = PART_OF_BAR * shortest_bar(equations.model)
         self._beams = np.flatnonzero(np.isfinite(equations.laws.narrow))
         self._narrow = equations.laws.narrow[self._beams]
         self._stiffest = equations.stiffest

@@ -213,7 +213,7 @@ class FlowSurface(statics.Surface):
         model = loading.model_at(parameter, equations.model.nodes)
         super().__init__(model, loading.forces(parameter), statics.Modes, balance=equations.balance)
         self.equations, self.parameter = equations, parameter
-        self._far = PART_OF_BAR * float(model.bar_length.min())
+        self._far = PART_OF_BAR * statics.shortest_bar(model)
         self._narrow = PART_OF_FALL * equations.laws.narrow
         self._trial: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # a step, where it leads, the elongations there
         self._elongation = np.zeros(len(model.strings))  # where the surface was asked last

@@ -104,6 +104,8 @@ class _Programs:
 
 def unknown(model: Model) -> tuple[str, str] | None:
     """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
+    for string, *_ in model.string_mass_links:
+        return f"string {model.string_names[string]} has a consistent mass matrix", 'write string_mass_matrix = "lumped"'
     if model.joint:
         return model.joint, "let every bar have its own nodes"
     if model.ground is not None and model.ground.law == "literal":

@@ -1,7 +1,8 @@
 """Joints: bars that share nodes, nodes that are fixed along single axes, welded bars; what a model says about them.
 
 A *group* is a set of bars that move each other's nodes: bars that share a node which is not fixed in all axes, and welded ones.
-Bars that meet only in a fixed node are groups of their own.  A group of class 1 is one bar with mass whose ends are free or
+Bars that meet only in a fixed node are groups of their own.  Strings with a consistent mass matrix move the nodes at their
+segments' ends together, too.  A group of class 1 is one bar with mass whose ends are free or
 fixed altogether: section 1 of the theory, with a mass matrix of its own.
 
 The forces of bars are *redundant* where they can hold each other without load: the lengths leave the motion unique, and these
@@ -41,6 +42,9 @@ def groups(model: Model) -> tuple[Group, ...]:
     for weld in model.welds:
         first.append(np.full(len(weld) - 1, weld[0]))
         second.append(np.array(weld[1:]))
+    tied = [ends for _, *ends, _ in model.string_mass_links if not (fixed[ends[0]] or fixed[ends[1]])]
+    first.append(count + np.array([one for one, _ in tied], dtype=int))
+    second.append(count + np.array([other for _, other in tied], dtype=int))
     labels = _components(count + len(model.nodes), np.concatenate(first), np.concatenate(second))
     members: dict[int, list[int]] = {}
     for i, label in enumerate(labels[:count]):
@@ -66,7 +70,8 @@ def _components(size: int, first: np.ndarray, second: np.ndarray) -> list[int]:
 def _group(model: Model, bars: list[int]) -> Group:
     ends = model.bars[bars]
     whole = np.asarray(model.held.all(axis=1) | ~model.held.any(axis=1))
-    alone = len(bars) == 1 and model.bar_mass[bars[0]] > 0.0 and not model.fixed[ends].all()
+    tied = any(node in ends for _, *links, _ in model.string_mass_links for node in links)
+    alone = len(bars) == 1 and model.bar_mass[bars[0]] > 0.0 and not model.fixed[ends].all() and not tied
     return Group(tuple(bars), tuple(np.unique(ends).tolist()), bool(alone and whole[ends].all()))
 
 
@@ -86,6 +91,8 @@ def first_joint(model: Model) -> str:
         return f"node {model.node_names[node]} is fixed along {' and '.join('xyz'[axis] for axis in axes)} only"
     for node, axes in model.moving_axes:
         return f"node {model.node_names[node]} is moved along {' and '.join('xyz'[axis] for axis in axes)} only"
+    for string, *_ in model.string_mass_links:
+        return f"string {model.string_names[string]} has a consistent mass matrix"
     for weld in model.welds:
         return f"bars {' and '.join(model.bar_names[i] for i in weld)} are welded"
     return ""

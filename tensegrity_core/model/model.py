@@ -114,6 +114,7 @@ class Model:
         routes: (string, all its nodes in order) of the strings over more than two nodes, in string order; `strings` has their
             first two nodes.
         string_mass: (S,) kg, lumped at each string's nodes, see `routes`.
+        string_mass_matrix: 'lumped', or 'consistent': a string's segments then move like thin bars of their mass, see `routes`.
         two_way: (S,) bool, springs that also push: their tension is k times the elongation, whatever its sign.
         sections: (bar, section) of the bars whose buckling load is known, in bar order.
         strength: (string, N) of the strings whose strength is known, in string order.
@@ -154,6 +155,7 @@ class Model:
     routes: tuple[tuple[int, tuple[int, ...]], ...] = ()
     string_mass: np.ndarray = field(default_factory=_none)
     two_way: np.ndarray = field(default_factory=_none)
+    string_mass_matrix: str = "lumped"
     sections: tuple[tuple[int, Section], ...] = ()
     strength: tuple[tuple[int, float], ...] = ()
 
@@ -186,6 +188,8 @@ class Model:
         for name, shape in {"fixed": nodes[:1], "two_way": strings}.items():
             flags = np.asarray(getattr(self, name))
             self._set(name, array_of(name, flags.astype(int) if flags.dtype == bool else flags, shape) != 0.0)
+        if self.string_mass_matrix not in ("lumped", "consistent"):
+            raise InputError(f"string_mass_matrix = {self.string_mass_matrix!r}: use 'lumped' or 'consistent'")
         for i in np.flatnonzero(self.two_way):
             if self.nsh[i] is not None or self.element[i] is not None:
                 raise InputError(
@@ -241,10 +245,15 @@ class Model:
         return routes.mass_shares(self)
 
     @cached_property
+    def string_mass_links(self) -> tuple[tuple[int, int, int, float], ...]:
+        """(string, node, node, part) of the segments of the strings with mass, where their mass matrix is consistent."""
+        return routes.mass_parts(self) if self.string_mass_matrix == "consistent" else ()
+
+    @cached_property
     def payload(self) -> dict[int, float]:
-        """Node -> kg that it carries beside its bars' mass: its point mass, and what strings have there."""
+        """Node -> kg that it carries beside its bars' mass: its point mass, and what is lumped there of strings."""
         found = dict(self.point_mass)
-        for string, node, share in self.string_mass_shares:
+        for string, node, share in () if self.string_mass_links else self.string_mass_shares:
             found[node] = found.get(node, 0.0) + share * self.string_mass.item(string)
         return found
 
@@ -353,6 +362,8 @@ class Model:
         np.add.at(mass, self.bars.ravel(), np.repeat(0.5 * self.bar_mass, 2))
         for node, value in self.payload.items():
             mass[node] += value
+        for string, *ends, part in self.string_mass_links:
+            mass[ends] += 0.5 * part * self.string_mass[string]
         return mass
 
     @cached_property

@@ -2,7 +2,8 @@
 
 A *routed* string passes its inner nodes without friction, so that one tension acts along its whole path; its length is the sum
 of its segments'.  It is endless where it ends at the node at which it begins.  A string's mass is lumped at its nodes: each
-segment has a part of it in proportion to its nominal length, half of that at each end.
+segment has a part of it in proportion to its nominal length, half of that at each end.  With a *consistent* mass matrix a
+segment moves like a thin bar of its part of the mass, m/6 [2 1; 1 2] per axis, which ties the motions of its nodes together.
 """
 
 from __future__ import annotations
@@ -74,14 +75,21 @@ def _distances(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1)
 
 
-def mass_shares(model: Model) -> tuple[tuple[int, int, float], ...]:
-    """(string, node, share) of the strings with mass, node by node along each; the shares of a string add up to 1."""
-    found: dict[tuple[int, int], float] = {}
+def mass_parts(model: Model) -> tuple[tuple[int, int, int, float], ...]:
+    """(string, node, node, part) of the segments of the strings with mass, along each; the parts of a string add up to 1."""
+    found = []
     for string in model.massive_strings:
         path = model.paths[string]
         length = _distances(model.nominal, np.column_stack((path[:-1], path[1:])))
         parts = [1.0] if len(path) == 2 else (length / length.sum()).tolist()
-        for part, ends in zip(parts, pairwise(path)):
-            for node in ends:
-                found[string, node] = found.get((string, node), 0.0) + 0.5 * part
+        found += [(string, first, second, part) for part, (first, second) in zip(parts, pairwise(path))]
+    return tuple(found)
+
+
+def mass_shares(model: Model) -> tuple[tuple[int, int, float], ...]:
+    """(string, node, share) of the strings with mass, node by node along each; the shares of a string add up to 1."""
+    found: dict[tuple[int, int], float] = {}
+    for string, first, second, part in mass_parts(model):
+        for node in (first, second):
+            found[string, node] = found.get((string, node), 0.0) + 0.5 * part
     return tuple((string, node, share) for (string, node), share in found.items())

@@ -45,6 +45,11 @@ class Structure:
                 where[node] = value
         self.dragged = np.flatnonzero(self.drag)
         self.M = mass_matrix(self.C_b, C_r, model.bar_mass / 12.0, model.bar_mass, m_p)
+        carried = m_p.copy()
+        for string, *ends, part in model.string_mass_links:  # segments that move like thin bars
+            m = part * model.string_mass[string]
+            self.M[np.ix_(ends, ends)] += m / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+            carried[ends] += 0.5 * m
         free = np.ix_(model.free_nodes, model.free_nodes)
         self.M_inv = np.zeros((n, n))
         self.joints = Joints(model, self.M, self.C_b) if model.joint else None
@@ -59,7 +64,7 @@ class Structure:
         self.contacts = Contacts(model) if model.contacts else None
         self.in_plane = np.zeros((3, 1))
         self.in_plane[list(model.axes)] = 1.0
-        self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + m_p)
+        self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + carried)
         self.laws, self.slack = laws.curved_laws(model), laws.slack_branches(model)
         self.dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
         ends = [() if two_way else (0.0,) for two_way in model.two_way]
@@ -75,6 +80,7 @@ def _require_well_posed(model: Model) -> None:
             raise InputError(f"bar {model.bar_names[i]!r} has both ends fixed; free one of them")
     massed = {node for i, ends in enumerate(model.bars.tolist()) if model.bar_mass[i] > 0.0 for node in ends}
     massed |= {node for node, mass in model.payload.items() if mass > 0.0}
+    massed |= {node for _, *ends, _ in model.string_mass_links for node in ends}
     for node in model.free_nodes.tolist():
         if node not in massed:
             name, why = model.node_names[node], "is on bars without mass only" if node in model.bars else "belongs to no bar"

@@ -242,7 +242,9 @@ class String(Entry):
     actuator: str | None = _optional("name of one of the [actuators]: it winds the string in")
     element: str | None = _optional("name of one of the [elements]: the string's force law, instead of an nsh")
     damper: str | None = _optional("name of one of the [dampers], instead of a damping")
-    mass: NotNegative = Field(0.0, description="mass in kg, 0 or more, lumped at its nodes")
+    mass: NotNegative = Field(
+        0.0, description="mass in kg, 0 or more; lumped at its nodes unless string_mass_matrix says otherwise"
+    )
     two_way: bool = Field(False, description="true of a spring that pushes, too, where it is shorter than its rest length")
     strength: Positive | None = _optional("tension that it bears in N, greater than 0, instead of the material's")
 
@@ -318,6 +320,10 @@ class Scene(Entry):
     )
     damping_law: Literal["literal", "tension_only"] = Field(
         "literal", description='"literal" (the damper may push while a string shortens) or "tension_only"'
+    )
+    string_mass_matrix: Literal["lumped", "consistent"] = Field(
+        "lumped",
+        description='where strings have mass: "lumped" (at their nodes) or "consistent" (each segment moves like a thin bar)',
     )
     start: Literal["equilibrium", "settled", "released"] = Field(
         "equilibrium",

@@ -6,7 +6,7 @@ from .analysis import analyse, rigid_body_motions, rigid_fields
 from .balance import Balance
 from .forces import equilibrium_matrix, loads, member_forces, residual, unbalanced
 from .jointed import balance_of
-from .matrices import Dense, TooLarge, free_rows, freedoms, in_space, lengths_between, null_space, require_small
+from .matrices import Dense, TooLarge, free_rows, freedoms, in_space, lengths_between, null_space, require_small, shortest_bar
 from .members import members, places
 from .settling import NoEquilibrium, descend, settle
 from .start import build_model
@@ -42,6 +42,7 @@ __all__ = [
     "rigid_body_motions",
     "rigid_fields",
     "settle",
+    "shortest_bar",
     "stability",
     "step_limit",
     "string_branches",

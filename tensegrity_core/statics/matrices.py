@@ -82,6 +82,12 @@ def lengths_between(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return np.linalg.norm(nodes[ends[:, 1]] - nodes[ends[:, 0]], axis=1)
 
 
+def shortest_bar(model: Model) -> float:
+    """m; without bars the longest string's length at the start."""
+    lengths = model.bar_length if len(model.bars) else -model.string_lengths(model.nodes)
+    return float(np.abs(lengths.min(initial=np.inf)))
+
+
 def lstsq(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(matrix, right, rcond=RANK_TOLERANCE)[0]
 

@@ -119,7 +119,7 @@ def _too_fast(scene: Scene, model: Model, key: str, node: int, what: str, value:
 def _inertia(model: Model) -> tuple[np.ndarray, list[str]]:
     """(N,) kg that a force on a node moves at least, 0 at fixed nodes, and the key of the largest mass in it.
 
-    An end of a free bar moves like m/4, the tip of a pinned one like m/3; further bars and a point mass add to it.
+    An end of a free bar moves like m/4, the tip of a pinned one like m/3; further bars, strings and a point mass add to it.
     """
     inertia, owner = np.zeros(len(model.nodes)), [""] * len(model.nodes)
     for name, ends, mass in zip(model.bar_names, model.bars, model.bar_mass):
@@ -132,7 +132,7 @@ def _inertia(model: Model) -> tuple[np.ndarray, list[str]]:
             owner[node] = f"point_masses.{model.node_names[node]}"
         inertia[node] += mass
     for string, node, share in model.string_mass_shares:
-        mass = share * model.string_mass.item(string)
+        mass = (0.5 if model.string_mass_links else 1.0) * share * model.string_mass.item(string)
         if mass > inertia[node]:
             owner[node] = f"strings.{model.string_names[string]}.mass"
         inertia[node] += mass

@@ -131,6 +131,7 @@ def _at_given_coordinates(scene: Scene) -> Model:
             if len(string.nodes) > 2
         ),
         string_mass=np.array([string.mass for string in scene.strings.values()]),
+        string_mass_matrix=scene.string_mass_matrix,
         two_way=np.array([string.two_way for string in scene.strings.values()]),
         sections=_known(bar.section() for bar in scene.bars.values()),
         strength=_known(map(scene.strength, scene.strings)),

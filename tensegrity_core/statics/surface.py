@@ -13,7 +13,7 @@ from .analysis import rigid_body_motions
 from .balance import Balance
 from .forces import BALANCED, EPS, coordinate_force, loads
 from .jointed import balance_of
-from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, require_small
+from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, require_small, shortest_bar
 from .strings import Laws, string_branches, string_energy, string_tension, string_values
 
 SMALL = 300  # degrees of freedom up to which settling works with dense matrices and all eigenvectors
@@ -228,7 +228,7 @@ def step_limit(model: Model) -> float:
     """m: longest way of a node in one step: small beside the structure and beside the falling pieces of force laws; longer
     where bars share nodes, since chains swing far."""
     narrow = min((law.narrow for law in curved_laws(model).values()), default=np.inf)
-    return min((5e-2 if model.joint else 5e-3) * float(model.bar_length.min()), 0.2 * narrow)
+    return min((5e-2 if model.joint else 5e-3) * shortest_bar(model), 0.2 * narrow)
 
 
 def _flow(values: np.ndarray, time: float) -> np.ndarray:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tensegrity_core import reference
+from tensegrity_core.equilibria.modes import mass_matrix, modes
 from tensegrity_core.errors import InputError
+from tensegrity_core.kernel import to_bytes
 from tensegrity_core.model import NSH, Actuator, Inputs, Model, grid, held
 from tensegrity_core.model.elements import Beam, Polynomial, Series
 from tensegrity_core.reference import instant
@@ -141,6 +143,46 @@ def test_string_mass_is_point_masses():
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-10, atol=1e-10, err_msg=name)
 
 
+@pytest.mark.parametrize("matrix, part", [("lumped", 1 / 2), ("consistent", 1 / 3)])
+def test_mass_of_a_spring_in_its_frequency(matrix, part):
+    """A third of a spring's mass swings with its moving end where segments move like thin bars, half of it if lumped."""
+    M, m, k = 0.9, 0.6, 150.0
+    model = by_hand(
+        [[0.0, 0.0, 0.0], [1.1, 0.0, 0.0]],
+        [0],
+        [],
+        [(0, 1)],
+        stiffness=k,
+        rest_length=1.0,
+        point_mass=[(1, M)],
+        two_way=[True],
+        string_mass=[m],
+        string_mass_matrix=matrix,
+        axes=(0, 2),
+    )
+    w = np.sqrt(k / (M + part * m))
+    result = run(model, 1.0, 0.05)
+    np.testing.assert_allclose(result.position[:, 1, 0], 1.0 + 0.1 * np.cos(w * result.times), rtol=0.0, atol=1e-11)
+    slow = [mode.frequency for mode in modes(dataclasses.replace(model, nodes=[[0, 0, 0], [1, 0, 0]])) if mode.oscillates]
+    assert slow == pytest.approx([w / (2.0 * np.pi)], rel=1e-12)
+    assert model.node_mass.tolist() == pytest.approx([0.5 * m, M + 0.5 * m])
+    assert bool(model.joint) == (matrix == "consistent")
+
+
+def test_consistent_mass_of_a_routed_string_is_that_of_thin_bars():
+    """Over two segments of 0.3 and 0.7 of its length: against the mass matrix written down."""
+    nodes = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 0.7, 0.0]]
+    fields = {"stiffness": 100.0, "rest_length": 1.0, "string_mass": [2.0], "string_mass_matrix": "consistent"}
+    model = by_hand(nodes, [], [], [(0, 1, 2)], **fields)
+    first, second = 0.3 * 2.0 / 6.0, 0.7 * 2.0 / 6.0
+    M = np.array([[2 * first, first, 0.0], [first, 2 * (first + second), second], [0.0, second, 2 * second]])
+    np.testing.assert_allclose(Structure(model).M, M, rtol=1e-14)
+    np.testing.assert_allclose(mass_matrix(model), np.kron(M, np.eye(3)), rtol=1e-14)
+    np.testing.assert_allclose(model.node_mass, [0.3, 1.0, 0.7], rtol=1e-14)
+    with pytest.raises(InputError, match='string s1 has a consistent mass matrix, .*write string_mass_matrix = "lumped"'):
+        to_bytes(model)
+
+
 def test_massless_node_of_a_string_is_refused():
     with pytest.raises(InputError, match="free node 'n2' belongs to no bar and so has no mass"):
         run(by_hand([[0, 0, 0], [1, 0, 0]], [0], [], [(0, 1)], stiffness=1.0, rest_length=1.0), 0.1, 0.1)
@@ -182,9 +224,9 @@ def test_forces_are_the_slope_of_the_energy(seed):
 
 @pytest.mark.parametrize("seed", range(0, 80, 5))
 def test_ledger_of_random_structures(seed):
-    """With honeycombs and moving rest lengths; of every other one bars share nodes."""
+    """With honeycombs and moving rest lengths; of every other one bars share nodes, of two in four strings move like bars."""
     base = random_joints(seed) if seed % 2 else random_model(seed)
-    model = routed(base, seed)
+    model = dataclasses.replace(routed(base, seed), string_mass_matrix=("lumped", "consistent")[seed // 10 % 2])
     inputs = random_forces(model, seed) if seed % 2 else random_inputs(model, seed)
     assert reference.simulate(model, inputs).ledger_error() < 1e-8
 

@@ -74,11 +74,13 @@ def pushed(model, node, force):
         ("motes_double_pendulum", [0.0, -9.8, 0.0], "n3", [0.0, 0.0, 0.0]),
         ("stedy_dbar", [0.0, 0.0, -9.81], "n3", [2.0, 0.0, 0.0]),
         ("tsg_jansen_leg", [0.0, -9.8, 0.0], "n8", [100.0, 0.0, 0.0]),
+        ("tsg_dbar3d", [0.0, 0.0, -9.81], "n5", [0.0, 200.0, 0.0]),
+        ("cts_tbar", [0.0, -9.81, 0.0], "n3", [20.0, 0.0, 0.0]),
     ],
 )
 def test_trajectories(name, gravity, node, force):
     """Under constant forces, from rest."""
-    model, known = structure(name, gravity=gravity), RECORDED[name]["trajectory"]
+    model, known = structure(name, gravity=gravity, start="released"), RECORDED[name]["trajectory"]
     times = np.array(known["times"])
     result = reference.simulate(model, held(model, times, force=pushed(model, node, force)), **TIGHT)
     assert largest_error(model, result, known, 1) < 1e-11 < 1e-8
