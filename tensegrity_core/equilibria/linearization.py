@@ -319,6 +319,8 @@ class System:
             mass[np.ix_((i, j), (i, j))] += m / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
         for node, m in model.payload.items():
             mass[node, node] += m
+        for string, *ends, part in model.string_mass_links:
+            mass[np.ix_(ends, ends)] += part * model.string_mass[string] / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
         self.mass = np.kron(mass, np.eye(D))
         drag = np.zeros(len(model.nodes))
         for node, value in model.drag:

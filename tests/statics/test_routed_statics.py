@@ -136,9 +136,10 @@ def test_ring_under_a_load_that_grows():
 
 
 @pytest.mark.parametrize("two_way", [False, True])
-def test_modes_and_linear_system_of_the_ring(two_way):
+@pytest.mark.parametrize("matrix", ["lumped", "consistent"])
+def test_modes_and_linear_system_of_the_ring(two_way, matrix):
     """Both have the same eigenvalues, and small swings in the reference have them, too."""
-    model = dataclasses.replace(ring(more=", damping = 3.0, mass = 0.4"), two_way=[two_way, False])
+    model = dataclasses.replace(ring(more=", damping = 3.0, mass = 0.4"), two_way=[two_way, False], string_mass_matrix=matrix)
     found = modes(model)
     values = np.array([mode.eigenvalue for mode in found])
     system = linearize(model, at_rest(model))
