@@ -85,6 +85,9 @@ def live_pages(models: dict[str, Model], work: Work) -> dict[str, bytes]:
 
 
 def pack(model: Model, runtime: str, options: Options, live: bytes | None = None) -> Path:
+    """Raises TensegrityError, also for a model that an FMU of this kind does not know."""
+    if model.ground is not None and options.kind != "cs":
+        raise InputError(f"{model.name}: it stands on the ground, which model exchange does not know yet; build with --kind cs")
     path = options.folder(runtime) / f"{model.name}.fmu"
     if runtime == "python":
         return pack_python_fmu(model, path, options.naming, simple=options.simple, platforms=options.platforms, page=live)

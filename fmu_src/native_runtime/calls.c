@@ -130,12 +130,26 @@ fmu_status fmu_expect(const instance *fmu, const char *what, const void *vector,
     return vector || !n ? FMU_OK : fmu_refuse(fmu, what, "a null pointer was passed");
 }
 
-static const char *string_name(const instance *fmu, int32_t string) { return fmu->table.name[fmu->table.count + string]; }
+/* Of its string, or of the node that touches the ground. */
+static const char *name_of(const instance *fmu, const ts_transition *t)
+{
+    return fmu->table.name[fmu->table.count + (t->contact < 0 ? t->string : fmu->table.strings + t->contact)];
+}
+
+/* What a contact's transition is called, after a comma. */
+static const char *called(const ts_transition *t)
+{
+    if (!t->before) return ", touch_down";
+    if (!t->after) return ", lift_off";
+    if (t->before == 3 || t->after == 3) return t->after == 3 ? ", clip" : ", unclip";
+    return t->after == 2 ? ", slip" : ", stick";
+}
 
 /* What a transition means for its string, after commas, or nothing: a kink of the force curve. */
 static const char *consequence(const instance *fmu, const ts_transition *t, char text[80])
 {
     char number[32], what[32] = "";
+    if (t->contact >= 0) return called(t);
     int snapped = (int)ts_snapped(fmu->sim, t->string, t->after);
     if (!t->after != !t->before) snprintf(what, sizeof what, t->after ? ", taut" : ", slack");
     else if (snapped != ts_snapped(fmu->sim, t->string, t->before)) snprintf(what, sizeof what, ", %d snapped", snapped);
@@ -150,8 +164,10 @@ void fmu_log_events(const instance *fmu)
     char time[32], meaning[80];
     if (!fmu->log[LOG_EVENTS]) return;
     for (int64_t i = 0; i < count && i < MAX_EVENTS; i++)
-        fmu_log(fmu, LOG_EVENTS, FMU_OK, "string %s: piece %d -> %d at t = %s s%s", string_name(fmu, t[i].string),
-                (int)t[i].before, (int)t[i].after, fmu_number(t[i].time, time), consequence(fmu, t + i, meaning));
+        fmu_log(fmu, LOG_EVENTS, FMU_OK,
+                t[i].contact < 0 ? "string %s: piece %d -> %d at t = %s s%s" : "contact %s: %d -> %d at t = %s s%s",
+                name_of(fmu, t + i), (int)t[i].before, (int)t[i].after, fmu_number(t[i].time, time),
+                consequence(fmu, t + i, meaning));
     long long more = (long long)count - MAX_EVENTS;
     if (more > 0) fmu_log(fmu, LOG_EVENTS, FMU_OK, "%lld more transitions in this step", more);
 }

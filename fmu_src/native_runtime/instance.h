@@ -34,13 +34,14 @@ enum { LOG_WARNING, LOG_DISCARD, LOG_ERROR, LOG_EVENTS, LOG_SOLVER, LOG_CATEGORI
 typedef struct {
     char *bytes; /* owned; the rest points into it */
     const char *guid;
-    int32_t reals, count, strings;
+    int32_t reals, count, strings, contacts;
     int32_t tolerance;        /* reference of solver.tolerance */
     uint64_t model;           /* checksum of model.bin */
     const double *low, *high; /* (count) values that are accepted */
     const int32_t *settable;  /* (count) modes in which a value may be set, as bits */
     const int32_t *span;      /* (count) how many values the variable has that starts here; 0: none does */
-    const char **name;        /* (count + strings) owned: of variables, element by element, then of strings */
+    const char **name; /* (count + strings + contacts) owned: of variables, element by element, of strings, of nodes that may
+                                  touch the ground */
 } variable_table;
 
 struct instance;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAGIC "TSVARS3"
+#define MAGIC "TSVARS4"
 
 /* Does every variable end where its kind ends, and none reach into the next? */
 static int spans_fit(const variable_table *table)
@@ -17,11 +17,12 @@ static int spans_fit(const variable_table *table)
     return 1;
 }
 
-/* magic[8], int32 reals, count, strings, tolerance, checksum of model.bin (uint64), then low, high (doubles), settable, span
- * (int32), then texts that end with 0: GUID, names of variables, names of strings; at the end the checksum of all that (uint64). */
+/* magic[8], int32 reals, count, strings, contacts, tolerance, 0, checksum of model.bin (uint64), then low, high (doubles), settable,
+ * span (int32), then texts that end with 0: GUID, names of variables, of strings, of nodes that may touch the ground; at the end the
+ * checksum of all that (uint64). */
 int variables_read(variable_table *table, char *bytes, size_t size)
 {
-    int32_t head[4];
+    int32_t head[6];
     uint64_t sum;
     memset(table, 0, sizeof *table);
     table->bytes = bytes;
@@ -31,13 +32,16 @@ int variables_read(variable_table *table, char *bytes, size_t size)
     if (memcmp(bytes, MAGIC, 8) || fmu_checksum(FMU_CHECKSUM, bytes, size) != sum || bytes[size - 1]) return 0;
     memcpy(head, bytes + 8, sizeof head);
     memcpy(&table->model, bytes + 8 + sizeof head, sizeof table->model);
-    size_t count = (size_t)head[1], texts = count + (size_t)head[2], at = 8 + sizeof head + sizeof table->model;
-    if (head[0] < 0 || head[1] < head[0] || head[2] < 0 || head[3] < 0 || head[3] >= head[0]) return 0;
+    if (head[2] < 0 || head[3] < 0) return 0;
+    size_t count = (size_t)head[1], texts = count + (size_t)head[2] + (size_t)head[3],
+           at = 8 + sizeof head + sizeof table->model;
+    if (head[0] < 0 || head[1] < head[0] || head[4] < 0 || head[4] >= head[0]) return 0;
     if ((size - at) / 24 < count) return 0;
     table->reals = head[0];
     table->count = head[1];
     table->strings = head[2];
-    table->tolerance = head[3];
+    table->contacts = head[3];
+    table->tolerance = head[4];
     table->low = (const double *)(const void *)(bytes + at);
     table->high = table->low + count;
     table->settable = (const int32_t *)(const void *)(table->high + count);

@@ -121,7 +121,7 @@ def native_fmu_files(model: Model, contents: Contents, libraries: dict[str, Path
         f"tensegrity {tensegrity_core.__version__}",
         sources=compiled_of(sources),
         kind=contents.kind,
-        indicators=ContinuousView(Kernel(model)).indicators,
+        indicators=0 if model.contacts else ContinuousView(Kernel(model)).indicators,
         standard=contents.standard,
     )
     described = plain(table) if contents.simple else table
@@ -192,10 +192,11 @@ def variables_bin(model: Model, table: tuple[Variable, ...], guid: str, packed: 
     low = [-largest if row.min is None else row.min for row in table]
     high = [largest if row.max is None else row.max for row in table]
     settable = [SETTABLE[row.causality if row.causality != "parameter" else row.variability] for row in table]
-    texts = [guid, *(names.get(row.reference, "") for row in table), *model.string_names]
+    touching = [model.node_names[contact.node] for contact in model.contacts]
+    texts = [guid, *(names.get(row.reference, "") for row in table), *model.string_names, *touching]
     body = (
-        b"TSVARS3\0"
-        + struct.pack("<4iQ", reals, len(table), len(model.string_names), tolerance, fnv1a(packed))
+        b"TSVARS4\0"
+        + struct.pack("<6iQ", reals, len(table), len(model.string_names), len(touching), tolerance, 0, fnv1a(packed))
         + np.array([*low, *high], "<f8").tobytes()
         + np.array([*settable, *(starting.get(row.reference, 0) for row in table)], "<i4").tobytes()
         + b"".join(text.encode() + b"\0" for text in texts)

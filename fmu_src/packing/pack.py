@@ -143,6 +143,7 @@ def variables_json(model: Model, table: tuple[Variable, ...], kernels: dict[str,
             "/".join(machine): f"native/{name}/{kernels[name].name}" for machine, name in build.HOSTS.items() if name in kernels
         },
         "strings": list(model.string_names),
+        "contacts": [model.node_names[contact.node] for contact in model.contacts],
         "tolerance": next(row.reference for row in table if row.field == "tolerance"),
         "reals": sum(row.kind == "Real" for row in table),
         "names": [row.name for row in table],

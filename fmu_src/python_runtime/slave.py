@@ -232,10 +232,12 @@ class TensegritySlave(Fmi2Slave):
 
     def _log_events(self):
         for transition in self._kernel.transitions[:MAX_EVENTS]:
-            string = self._table.strings[transition.string]
+            touches = transition.contact >= 0
+            what = f"string {self._table.strings[transition.string]}: piece" if not touches else ""
             meaning = self._kernel.consequence(transition)
             when = f"{transition.before} -> {transition.after} at t = {number(transition.time)} s"
-            self.log(f"string {string}: piece {when}{f', {meaning}' if meaning else ''}", Fmi2Status.ok, "logEvents")
+            what = what or f"contact {self._table.contacts[transition.contact]}:"
+            self.log(f"{what} {when}{f', {meaning}' if meaning else ''}", Fmi2Status.ok, "logEvents")
         more = self._kernel.transition_count - MAX_EVENTS
         if more > 0:
             self.log(f"{more} more transitions in this step", Fmi2Status.ok, "logEvents")

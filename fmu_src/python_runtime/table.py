@@ -71,7 +71,7 @@ class Table:
     def __init__(self, data):
         self.guid, self.identity = data["guid"], bytes.fromhex(data["identity"])
         self._libraries = data["libraries"]
-        self.strings = data["strings"]
+        self.strings, self.contacts = data["strings"], data["contacts"]
         self.tolerance = data["tolerance"]
         self.names = data["names"]
         self.settable = [_SETTABLE[role] for role in data["roles"]]

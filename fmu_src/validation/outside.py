@@ -23,7 +23,7 @@ import numpy as np
 
 BARRED = ("tensegrity_core", "fmu_src", "pythonfmu", "scipy")
 CATEGORIES = ("logEvents", "logStatusDiscard", "logStatusError")
-EVENT = re.compile(r"string (\S+): piece (-?\d+) -> (-?\d+) at t = (\S+) s")
+EVENT = re.compile(r"(?:string|contact) (\S+):(?: piece)? (-?\d+) -> (-?\d+) at t = (\S+) s")
 
 
 #: See above.
@@ -239,7 +239,8 @@ def run(instance, times, values, inputs, parameters, told=None):
 
 
 def events(messages, strings):
-    """Transitions from the messages of category logEvents; `strings` collects names in order of appearance."""
+    """Transitions from the messages of category logEvents; `strings` collects names, of
+    strings and of nodes that touch the ground, in order of appearance."""
     rows = []
     for _, category, text in messages:
         found = EVENT.search(text) if category == "logEvents" else None

@@ -40,13 +40,13 @@ class Spread:
     """What start errors of `size` m and m/s become in one scenario.
 
     largest: output -> (K+1,) largest difference so far; shifts: transition of the undisturbed run -> how far it moves, s;
-    loose: (string, time) of transitions that come and go with the start error.
+    loose: (string and contact, time) of transitions that come and go with the start error.
     """
 
     size: float
     largest: dict[str, np.ndarray]
     shifts: tuple[tuple[Transition, float], ...]
-    loose: tuple[tuple[int, float], ...]
+    loose: tuple[tuple[tuple[int, int], float], ...]
 
     def shift(self, t: Transition) -> float:
         """How far a transition of this kind at about this time moves, s."""
@@ -55,12 +55,12 @@ class Spread:
 
     def is_loose(self, t: Transition) -> bool:
         """Whether a transition comes and goes with the start error."""
-        return any(string == t.string and abs(time - t.time) <= REACH for string, time in self.loose)
+        return any(owner == (t.string, t.contact) and abs(time - t.time) <= REACH for owner, time in self.loose)
 
 
-def kind(t: Transition) -> tuple[int, int, int]:
+def kind(t: Transition) -> tuple[int, int, int, int]:
     """What has to be equal in partners."""
-    return t.string, t.before, t.after
+    return t.string, t.contact, t.before, t.after
 
 
 def spreads(model: Model, inputs: Inputs, size: float) -> tuple[Spread, Spread]:
@@ -84,7 +84,7 @@ def _moved(base: Result, runs: list[Result]):
         found = match(base.transitions, run.transitions)
         for ours, theirs in found.pairs:
             shifts[ours] = max(shifts[ours], abs(ours.time - theirs.time))
-        loose += [(t.string, t.time) for t in (*found.ours, *found.theirs)]
+        loose += [((t.string, t.contact), t.time) for t in (*found.ours, *found.theirs)]
     return tuple(shifts.items()), tuple(loose)
 
 

@@ -75,7 +75,7 @@ def _visited(model: Model, inputs: Inputs) -> int:
         run = kernel.simulate(model, inputs)
     except TensegrityError:
         return -1
-    return len({(t.string, piece) for t in run.transitions for piece in (t.before, t.after)})
+    return len({(t.string, t.contact, piece) for t in run.transitions for piece in (t.before, t.after)})
 
 
 def _affordable(model: Model, inputs_for) -> float:

@@ -194,9 +194,17 @@ def run_outside(
             return [_outcome(stored, run, table, outputs) for run in runs]
 
 
+def _who(model: Model, name: str) -> tuple[int, int]:
+    """(string, contact) of a name, one of them -1."""
+    if name in model.string_names:
+        return model.string_names.index(name), -1
+    return -1, [model.node_names[contact.node] for contact in model.contacts].index(name)
+
+
 def _outcome(stored, run: Scenario, table: tuple[Variable, ...], names: list[str]):
-    strings = [run.model.string_names.index(name) for name in stored["strings"].tolist()]
-    events = [Transition(t, strings[int(s)], int(a), int(b)) for t, s, a, b in stored[f"{run.name}/events"].tolist()]
+    who = [_who(run.model, name) for name in stored["strings"].tolist()]
+    rows = stored[f"{run.name}/events"].tolist()
+    events = [Transition(t, who[int(s)][0], int(a), int(b), contact=who[int(s)][1]) for t, s, a, b in rows]
     outputs = series(run.model, table, names, stored[f"{run.name}/outputs"])
     return outputs, events, float(stored[f"{run.name}/seconds"]) / (len(run.inputs.times) - 1)
 

@@ -57,14 +57,16 @@ def sentences(found: Worst) -> list[str]:
     before = [t for t in run.reference.transitions if one.time - SHORTLY <= t.time <= one.time]
     if before:
         last = before[-1]
-        string = run.scenario.model.string_names[last.string]
         became = "went slack" if last.after == 0 else "became taut" if last.before == 0 else "changed its law's piece"
-        said.append(f"String {string} {became} {1e3 * (one.time - last.time):.2g} ms before.")
+        who = f"{'String' if last.contact < 0 else 'Node'} {last.name(run.scenario.model)}"
+        became = became if last.contact < 0 else f"changed how it touches the ground ({last.kind})"
+        said.append(f"{who} {became} {1e3 * (one.time - last.time):.2g} ms before.")
     if comparison.growth > GROWN:
         times = f"{float(f'{comparison.growth:.2g}'):g}"
         said.append(f"A start error grows up to {times} times in this run, so that any integrator errs more there.")
     count = comparison.transitions[0]
-    said.append(f"Its strings make {count} transition{'' if count == 1 else 's'} in {run.scenario.inputs.times[-1]:g} s.")
+    what = "strings and contacts" if run.scenario.model.contacts else "strings"
+    said.append(f"Its {what} make {count} transition{'' if count == 1 else 's'} in {run.scenario.inputs.times[-1]:g} s.")
     return said
 
 

@@ -6,6 +6,7 @@ from ctypes import byref, c_int32
 
 import numpy as np
 
+from ..errors import InputError
 from ..quantities import array_of, number
 from .binding import Kernel, _pointer
 
@@ -24,6 +25,8 @@ class ContinuousView:
     """
 
     def __init__(self, kernel: Kernel):
+        if kernel.counts["K"]:
+            raise InputError("a host's own solver (model exchange) does not know the ground yet; step the kernel instead")
         self.kernel, self._library, self._sim = kernel, kernel._library, kernel._sim
         self.size: int = self._library.ts_continuous_count(self._sim)
         self.indicators: int = self._library.ts_indicator_count(self._sim)

@@ -146,6 +146,7 @@ static int evaluate(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     if (ts_ready(sim) != TS_OK) return TS_BAD_STEP;
+    if (m->count[TS_K]) return ts_say(sim, TS_BAD_STEP, "a host's own solver does not know the ground yet");
     take_inputs(sim);
     ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
     if (ts_wound_up(sim)) return ts_say(sim, TS_WOUND_UP, "an actuator has wound its string up completely");

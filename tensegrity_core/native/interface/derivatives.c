@@ -168,6 +168,7 @@ int ts_differentiate(ts_sim *sim, int start, void *work)
 {
     workspace *w = (workspace *)work;
     w->ready = 0;
+    if (sim->m.count[TS_K]) return ts_say(sim, TS_BAD_STEP, "derivatives of what touches the ground are not known yet");
     if (w->d.start != (start != 0)) {
         w->d.start = start != 0;
         write_rows(&w->d, 0);

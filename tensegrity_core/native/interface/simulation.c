@@ -88,7 +88,7 @@ int32_t ts_transition_stored(const ts_sim *sim)
 const ts_transition *ts_transitions(const ts_sim *sim) { return sim->told.transitions; }
 int32_t ts_snapped(const ts_sim *sim, int32_t string, int32_t piece)
 {
-    if (!sim->laws.ready || piece <= 0) return 0;
+    if (!sim->laws.ready || piece <= 0 || string < 0) return 0;
     const ts_curve *c = sim->laws.curve + string;
     return c->branches ? piece - 1 : piece < c->pieces ? c->piece[piece].snapped : 0;
 }

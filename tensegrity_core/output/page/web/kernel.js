@@ -76,11 +76,12 @@ export class Kernel {
   get transitions() {
     const count = this.#calls.ts_transition_stored(this.#sim);
     const view = new DataView(this.#memory.buffer, this.#calls.ts_transitions(this.#sim), count * TRANSITION_BYTES);
-    return Array.from({ length: count }, (_, i) => {
+    const all = Array.from({ length: count }, (_, i) => {
       const at = i * TRANSITION_BYTES;
       const [string, before, after] = [16, 20, 24].map((offset) => view.getInt32(at + offset, true));
       return { time: view.getFloat64(at, true), loss: view.getFloat64(at + 8, true), string, before, after };
     });
+    return all.filter(({ string }) => string >= 0); // a contact with the ground has none
   }
 
   // Counters since initialize(), in the order of fields.STATS.
