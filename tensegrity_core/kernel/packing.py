@@ -19,6 +19,9 @@ MAGIC = b"TSMODEL2"
 #: Laws of beams in series by name; a law's place is its number in the kernel.
 SERIES_LAWS = ("single_valued", "hysteretic")
 
+#: Laws of the ground by name; a law's place is its number in the kernel.
+GROUND_LAWS = ("clipped", "literal")
+
 
 def _parameters(model: Model, tolerance: float, max_step: float) -> dict[str, np.ndarray]:
     """Start values of all inputs and parameters, by field name.  Raises ValueError for one without."""
@@ -142,7 +145,8 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
     ints += [*(bar for bar, _ in model.sections), *(string for string, _ in model.strength), *heavy]
     ints += [*programs.ints, *routes, *(n for place, node, _ in shares for n in (place, node)), *two_way]
-    ints += [contact.node for contact in model.contacts]
+    if model.contacts and model.ground is not None:
+        ints += [*(contact.node for contact in model.contacts), GROUND_LAWS.index(model.ground.law)]
     ints += [0] * (len(ints) % 2)
     start = _parameters(model, tolerance, max_step)
     doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]

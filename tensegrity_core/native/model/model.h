@@ -28,20 +28,20 @@ typedef struct {
 
 /* What the packed model holds, as it stands there: ts_model_read(). */
 typedef struct {
-    const int32_t *bars, *strings;         /* (B, 2), (S, 2) nodes */
-    const int32_t *fixed;                  /* (N) */
-    const int32_t *beams;                  /* (S) beams of the string's NSH, 0: none */
-    const int32_t *beam_law;               /* (S) 0 single_valued, 1 hysteretic */
-    const int32_t *element, *damper;       /* (S, 2) places of the string's force law and damper in the programs, -1: none */
-    const int32_t *massed, *dragged;       /* (P), (R) nodes with a point mass, with drag */
-    const int32_t *moved, *wound;          /* (E) nodes that are moved, (A) strings with an actuator */
-    const int32_t *braced, *rated;         /* (C) bars with a section, (T) strings with a strength */
-    const int32_t *heavy;                  /* (M) strings with mass */
-    const int32_t *route;                  /* (route_ints) per routed string: itself, how many nodes, the nodes in order */
-    const int32_t *sharing;                /* (shares, 2) of a string's mass: its number among the M, node */
-    const int32_t *two_way;                /* (two_way_count) strings that also push */
-    const int32_t *touching;               /* (K) nodes that may touch the ground */
-    const int32_t *program;                /* (program_ints) force laws, see kernel/packing.py */
+    const int32_t *bars, *strings;   /* (B, 2), (S, 2) nodes */
+    const int32_t *fixed;            /* (N) */
+    const int32_t *beams;            /* (S) beams of the string's NSH, 0: none */
+    const int32_t *beam_law;         /* (S) 0 single_valued, 1 hysteretic */
+    const int32_t *element, *damper; /* (S, 2) places of the string's force law and damper in the programs, -1: none */
+    const int32_t *massed, *dragged; /* (P), (R) nodes with a point mass, with drag */
+    const int32_t *moved, *wound;    /* (E) nodes that are moved, (A) strings with an actuator */
+    const int32_t *braced, *rated;   /* (C) bars with a section, (T) strings with a strength */
+    const int32_t *heavy;            /* (M) strings with mass */
+    const int32_t *route;            /* (route_ints) per routed string: itself, how many nodes, the nodes in order */
+    const int32_t *sharing;          /* (shares, 2) of a string's mass: its number among the M, node */
+    const int32_t *two_way;          /* (two_way_count) strings that also push */
+    const int32_t *touching; /* (K) nodes that may touch the ground; behind them, where there are any, whether it may pull */
+    const int32_t *program;  /* (program_ints) force laws, see kernel/packing.py */
     const double *program_values;          /* (program_doubles) */
     const double *node, *velocity;         /* (N, D) positions, m, and velocities, m/s, at the start */
     const double *start;                   /* (n_applied) defaults of inputs and parameters */

@@ -5,7 +5,7 @@
  * of the beams (S), places of elements (S, 2) and dampers (S, 2) in the programs, nodes with a point mass (P), with drag (R), moved
  * nodes (E), strings with an actuator (A), bars with a section (C), strings with a strength (T), with mass (M), programs, routed
  * strings (of each itself, the number of its nodes, the nodes), shares in strings' masses (of each the number of its string among
- * the M, the node), strings that push, nodes that may touch the ground (K), one 0 where the number of int32 is odd; doubles: nodes
+ * the M, the node), strings that push, nodes that may touch the ground (K), where K is not 0 whether it may pull, one 0 where the number of int32 is odd; doubles: nodes
  * (N, D), velocities (N, D), programs, start values of all inputs and parameters, the shares, where K is not 0 the ground's point
  * (D) and unit normal (D); uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see
  * kernel/packing.py. */
@@ -392,7 +392,8 @@ static size_t int_count(const ts_model *m)
     size_t n = HEADER_INTS + (size_t)count[TS_N] + 2 * (size_t)count[TS_B] + 8 * (size_t)count[TS_S];
     n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A];
     n += (size_t)count[TS_C] + (size_t)count[TS_T] + (size_t)count[TS_M] + (size_t)m->packed.program_ints;
-    n += (size_t)m->packed.route_ints + 2 * (size_t)m->packed.shares + (size_t)m->packed.two_way_count + (size_t)count[TS_K];
+    n += (size_t)m->packed.route_ints + 2 * (size_t)m->packed.shares + (size_t)m->packed.two_way_count + (size_t)count[TS_K] +
+         (count[TS_K] > 0);
     return n + n % 2;
 }
 

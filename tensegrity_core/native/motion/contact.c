@@ -23,6 +23,9 @@
 
 double ts_contact_parameter(const ts_sim *sim, int field, int k) { return sim->io.values[sim->m.at[field] + k]; }
 
+/* May N be negative, as the formula says it? */
+int ts_ground_pulls(const ts_model *m) { return m->packed.touching[m->count[TS_K]] != 0; }
+
 int ts_has_friction(const ts_sim *sim, int k)
 {
     return ts_contact_parameter(sim, TS_CONTACT_FRICTION, k) > 0.0 &&
@@ -154,7 +157,8 @@ static void place_by_state(ts_sim *sim, int k, const double *x, const double *v)
     const double *now = sim->ground.now;
     double *a = sim->state.bristle + k * D;
     ts_touch t = measure(sim, k, x, v, sim->state.y, now);
-    int pressed = t.delta > 0.0 && 1.0 + ts_contact_parameter(sim, TS_CONTACT_DAMPING, k) * t.rate > 0.0;
+    int pressed =
+        t.delta > 0.0 && (ts_ground_pulls(&sim->m) || 1.0 + ts_contact_parameter(sim, TS_CONTACT_DAMPING, k) * t.rate > 0.0);
     if (pressed && sim->state.mode[k] != TS_STICKING) memcpy(a, x, sizeof(double) * (size_t)D);
     sim->state.mode[k] = pressed ? TS_STICKING : TS_APART;
     t = measure(sim, k, x, v, sim->state.y, now);
@@ -188,6 +192,21 @@ double ts_slip_rate(const ts_sim *sim, int k, const ts_touch *touch, const doubl
     return dot(t, touch->vt, sim->m.count[TS_D]) - ts_reach_per_force(sim, k) * rise;
 }
 
+/* How fast a node gains speed along the plane (m/s2); a: accelerations of the blocks. */
+double ts_tangential_acceleration(const ts_sim *sim, int k, const double *a)
+{
+    const ts_model *m = &sim->m;
+    const int D = m->count[TS_D], node = m->packed.touching[k], mover = m->drive.mover[node];
+    const double *n = m->packed.ground + D;
+    double at[3], along = 0.0, square = 0.0;
+    for (int d = 0; d < D; d++) {
+        at[d] = node_acceleration(m, a, node, d) + (mover < 0 ? 0.0 : sim->bases.now[(3 * mover + 2) * D + d]);
+        along += n[d] * at[d];
+    }
+    for (int d = 0; d < D; d++) square += (at[d] - along * n[d]) * (at[d] - along * n[d]);
+    return sqrt(square);
+}
+
 /* Second derivative of delta; a: accelerations of the blocks. */
 double ts_penetration_bend(const ts_sim *sim, double tau, int k, const double *a)
 {
@@ -212,7 +231,8 @@ void ts_touch_margins(const ts_sim *sim, int k, const ts_touch *t, double bend, 
     margin[0] = mode == TS_APART ? -t->delta : t->delta;
     margin[1] = margin[2] = 1.0;
     if (mode == TS_APART) return;
-    if (per_c < INFINITY) margin[1] = mode == TS_CLIPPED_CONTACT ? -(per_c + t->rate) : per_c + t->rate;
+    if (per_c < INFINITY && !ts_ground_pulls(&sim->m))
+        margin[1] = mode == TS_CLIPPED_CONTACT ? -(per_c + t->rate) : per_c + t->rate;
     if (mode == TS_CLIPPED_CONTACT || !ts_has_friction(sim, k)) return;
     if (mode == TS_STICKING) margin[2] = t->reach - sqrt(dot(t->u, t->u, sim->m.count[TS_D]));
     else margin[2] = ts_slip_rate(sim, k, t, t->u, bend);
@@ -396,7 +416,8 @@ void ts_contact_outputs(ts_sim *sim, int groups)
     const ts_model *m = &sim->m;
     for (int k = 0; k < m->count[TS_K]; k++) {
         if (groups & TS_OF_FORCES) {
-            sim->io.values[m->at[TS_CONTACT_NORMAL] + k] = fmax(sim->ground.touch[k].normal, 0.0);
+            double normal = sim->ground.touch[k].normal;
+            sim->io.values[m->at[TS_CONTACT_NORMAL] + k] = ts_ground_pulls(m) ? normal : fmax(normal, 0.0);
             ts_friction(sim, k, sim->ground.touch + k, sim->io.values + m->at[TS_CONTACT_FORCE] + k * m->count[TS_D]);
         }
         if (groups & TS_OF_MOTION) sim->io.integers[m->int_at[TS_INT_CONTACT_STICKING] + k] = sim->state.mode[k] == TS_STICKING;

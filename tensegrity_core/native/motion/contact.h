@@ -9,6 +9,7 @@
 void ts_raise_ground(ts_sim *sim);
 int ts_ground_moves(const ts_model *m, const ts_io *io);
 double ts_contact_parameter(const ts_sim *sim, int field, int contact);
+int ts_ground_pulls(const ts_model *m);
 int ts_has_friction(const ts_sim *sim, int contact);
 double ts_reach_per_force(const ts_sim *sim, int contact);
 ts_touch ts_touch_at(const ts_sim *sim, double tau, int contact, const double *y);
@@ -17,6 +18,7 @@ void ts_friction(const ts_sim *sim, int contact, const ts_touch *touch, double *
 void ts_contact_rates(const ts_sim *sim, double *p);
 void ts_slip_rates(ts_sim *sim, double tau, double *a);
 double ts_slip_rate(const ts_sim *sim, int contact, const ts_touch *touch, const double *direction, double bend);
+double ts_tangential_acceleration(const ts_sim *sim, int contact, const double *a);
 double ts_penetration_bend(const ts_sim *sim, double tau, int contact, const double *a);
 void ts_touch_margins(const ts_sim *sim, int contact, const ts_touch *touch, double bend, double margin[TS_WATCHES]);
 double ts_contact_energy(const ts_sim *sim, double tau, int slipping_only);

@@ -17,10 +17,10 @@
 
 static double size_of(const ts_sim *sim, const double *x) { return sqrt(dot(x, x, sim->m.count[TS_D])); }
 
-/* A contact with its margins, their guards, and the second derivative of its penetration. */
+/* A contact with its margins, their guards, the second derivative of its penetration and how it gains speed along the plane, m/s2. */
 typedef struct {
     ts_touch touch;
-    double bend, margin[TS_WATCHES], guard[TS_WATCHES];
+    double bend, pull, margin[TS_WATCHES], guard[TS_WATCHES];
 } view;
 
 /* At a state; f: the derivative there, or NULL: without the part of the damper in the rate of slip. */
@@ -32,6 +32,7 @@ static view look(const ts_sim *sim, double tau, int k, const double *y, const do
     const double per_N = ts_has_friction(sim, k) ? ts_reach_per_force(sim, k) : 0.0;
     v.touch = ts_touch_at(sim, tau, k, y);
     v.bend = f ? ts_penetration_bend(sim, tau, k, f + sim->m.nq) : 0.0;
+    v.pull = f ? ts_tangential_acceleration(sim, k, f + sim->m.nq) : 0.0;
     double speed = 1.0 + fabs(t->rate) + size_of(sim, t->vt);
     ts_touch_margins(sim, k, t, v.bend, v.margin);
     v.guard[0] = 2.0 * DBL_EPSILON * t->size;
@@ -85,18 +86,24 @@ static void slip(ts_sim *sim, int k, const double *t)
     for (int d = 0; d < D && size > 0.0 && ts_has_friction(sim, k); d++) w[d] = t[d] / size;
 }
 
-/* The ground begins to press, the bristle at rest.  growth: of the deflection that friction can bear, m/s: what moves no faster
- * sticks. */
-static void press(ts_sim *sim, double tau, int k, const ts_touch *t, double growth)
+/* Where the ground begins to press: the bristle is at rest, and sticks if it grows no faster than what friction can bear.  Where
+ * nothing moves yet, accelerations decide. */
+static void begin(ts_sim *sim, double tau, int k, const view *v, double growth)
 {
-    if (ts_has_friction(sim, k) && size_of(sim, t->vt) <= growth) stick(sim, tau, k, 0.0, t->vt);
+    const ts_touch *t = &v->touch;
+    double speed = size_of(sim, t->vt);
+    if (speed == 0.0 && growth == 0.0) {
+        speed = v->pull;
+        growth = ts_reach_per_force(sim, k) * ts_contact_parameter(sim, TS_CONTACT_STIFFNESS, k) * v->bend;
+    }
+    if (ts_has_friction(sim, k) && speed <= growth) stick(sim, tau, k, 0.0, t->vt);
     else slip(sim, k, t->vt);
 }
 
 static double growth_at_touch_down(const ts_sim *sim, int k, const ts_touch *t)
 {
     const double kn = ts_contact_parameter(sim, TS_CONTACT_STIFFNESS, k), c = ts_contact_parameter(sim, TS_CONTACT_DAMPING, k);
-    return ts_reach_per_force(sim, k) * kn * t->rate * (1.0 + c * t->rate);
+    return ts_has_friction(sim, k) ? ts_reach_per_force(sim, k) * kn * t->rate * (1.0 + c * t->rate) : 0.0;
 }
 
 static void along(const ts_sim *sim, const ts_touch *t, double out[3])
@@ -119,36 +126,40 @@ static void give_way(ts_sim *sim, double tau, int k, const view *v)
 
 /* --- placing ------------------------------------------------------------------------------------------------------------ */
 
+/* Does a contact that stands apart at the ground's surface move into it? */
+static int moves_in(const view *v)
+{
+    return v->touch.delta >= -v->guard[0] && (v->touch.rate > 0.0 || (v->touch.rate == 0.0 && v->bend > 0.0));
+}
+
 /* The mode of a contact by its state as it stands, where that jumped or was not watched.  f: the derivative there under the present
- * modes, or NULL.  Returns what a bristle that gives way at once loses, J. */
-static double place_anew(ts_sim *sim, double tau, int k, const double *f)
+ * modes; may_stick: where slipping would end by it. */
+static void place_anew(ts_sim *sim, double tau, int k, const double *f, int may_stick)
 {
     const int before = sim->state.mode[k];
     const view v = look(sim, tau, k, sim->state.y, f);
     const ts_touch *t = &v.touch;
-    double lost = 0.0;
-    if (t->delta <= (before == TS_APART ? v.guard[0] : -v.guard[0])) {
+    const double c = ts_contact_parameter(sim, TS_CONTACT_DAMPING, k);
+    if (before == TS_APART ? t->delta <= v.guard[0] && !moves_in(&v) : t->delta <= -v.guard[0]) {
         go(sim, k, TS_APART);
-    } else if (1.0 + ts_contact_parameter(sim, TS_CONTACT_DAMPING, k) * t->rate < 0.0) {
+    } else if (1.0 + c * t->rate < 0.0 && !ts_ground_pulls(&sim->m)) {
         go(sim, k, TS_CLIPPED_CONTACT);
     } else if (before == TS_APART || before == TS_CLIPPED_CONTACT) {
-        press(sim, tau, k, t, t->delta > 4.0 * v.guard[0] ? INFINITY : growth_at_touch_down(sim, k, t));
+        begin(sim, tau, k, &v, t->delta > 4.0 * v.guard[0] ? INFINITY : growth_at_touch_down(sim, k, t));
     } else if (before == TS_STICKING && v.margin[2] < -v.guard[2]) {
-        lost = dot(t->u, t->u, sim->m.count[TS_D]) - t->reach * t->reach;
         slip(sim, k, t->u);
-    } else if (before == TS_SLIPPING && f && v.margin[2] < -v.guard[2]) {
+    } else if (before == TS_SLIPPING && may_stick && v.margin[2] < -v.guard[2]) {
         stick(sim, tau, k, fmax(t->reach, 0.0), t->u);
     }
     note(sim, tau, k, before);
-    return 0.5 * ts_contact_parameter(sim, TS_CONTACT_TANGENTIAL_STIFFNESS, k) * lost;
 }
 
-/* Modes of all contacts at the start of a step whose inputs jumped.  Returns what bristles that give way at once lose, J. */
-double ts_place_contacts(ts_sim *sim)
+/* Modes of all contacts at the start of a step whose inputs jumped.  What bristles lose that give way at once counts with the jump
+ * of stored energy as the work of inputs. */
+void ts_place_contacts(ts_sim *sim)
 {
-    double lost = 0.0;
-    for (int k = 0; k < sim->m.count[TS_K]; k++) lost += place_anew(sim, 0.0, k, NULL);
-    return lost;
+    ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
+    for (int k = 0; k < sim->m.count[TS_K]; k++) place_anew(sim, 0.0, k, sim->start.f, 0);
 }
 
 /* Book what a change of modes took of the stored energy; where transitions are located that is round-off. */
@@ -163,7 +174,7 @@ void ts_catch_up_contacts(ts_sim *sim, double tau)
 {
     double before = ts_contact_energy(sim, tau, 0);
     ts_rhs(sim, tau, sim->state.y, sim->start.f);
-    for (int k = 0; k < sim->m.count[TS_K]; k++) place_anew(sim, tau, k, sim->start.f);
+    for (int k = 0; k < sim->m.count[TS_K]; k++) place_anew(sim, tau, k, sim->start.f, 1);
     book_loss(sim, before - ts_contact_energy(sim, tau, 0));
 }
 
@@ -213,13 +224,13 @@ static void leave(ts_sim *sim, double tau, int k, int watch, const view *v)
     const int mode = sim->state.mode[k];
     const ts_touch *t = &v->touch;
     if (watch == 0 && mode == TS_APART) {
-        press(sim, tau, k, t, growth_at_touch_down(sim, k, t));
+        begin(sim, tau, k, v, growth_at_touch_down(sim, k, t));
     } else if (watch == 0) {
         go(sim, k, TS_APART);
     } else if (watch == 1 && mode == TS_CLIPPED_CONTACT) { /* N grows by its damper */
         double stiffness = ts_contact_parameter(sim, TS_CONTACT_STIFFNESS, k),
                c = ts_contact_parameter(sim, TS_CONTACT_DAMPING, k);
-        press(sim, tau, k, t, ts_reach_per_force(sim, k) * stiffness * t->delta * c * v->bend);
+        begin(sim, tau, k, v, ts_reach_per_force(sim, k) * stiffness * t->delta * c * v->bend);
     } else if (watch == 1) {
         go(sim, k, TS_CLIPPED_CONTACT);
     } else if (mode == TS_SLIPPING) {

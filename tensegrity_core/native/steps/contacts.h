@@ -5,7 +5,7 @@
 #include "model/data.h"
 #include "tensegrity.h"
 
-double ts_place_contacts(ts_sim *sim);
+void ts_place_contacts(ts_sim *sim);
 void ts_contacts_begin(ts_sim *sim, double tau, double h, int explicit_fixed);
 int ts_contact_is_suspect(const ts_sim *sim, int contact, int watch, int *crossed);
 double ts_contact_excess(const ts_sim *sim, double tau, int contact, int watch, const double *y, const double *f, double *rate);

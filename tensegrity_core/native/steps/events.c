@@ -92,7 +92,8 @@ double ts_place_all(ts_sim *sim)
         note(sim, 0.0, i, piece, loss);
         lost += loss;
     }
-    return sim->m.count[TS_K] ? lost + ts_place_contacts(sim) : lost;
+    if (sim->m.count[TS_K]) ts_place_contacts(sim);
+    return lost;
 }
 
 /* How far a string is past what its piece (which < S) or its clipping (which >= S) allows; positive: crossed. */
