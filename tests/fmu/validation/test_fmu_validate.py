@@ -38,7 +38,7 @@ from tests.support import scene
 from tests.support.browser import CHROMIUM, Browser
 
 #: What `compare` reads of an FMU.
-FMU_SERIES = (*OUTPUTS, "snapped", "throughput")
+FMU_SERIES = (*OUTPUTS, "snapped", "contact_sticking", "throughput")
 SETTINGS = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-10}
 
 
