@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_core.fields import COMPARED, FIELDS, outputs
+from tensegrity_core.fields import COMPARED, FIELDS, outputs, size
 from tensegrity_core.model import Model, Result, Transition
-from tensegrity_core.model.components import spread
+from tensegrity_core.model.components import present, spread
 
 from ..variables.interface import Variable
 from ..variables.states import LEFT_OUT
@@ -126,7 +126,9 @@ def series(model: Model, table: tuple[Variable, ...], names: list[str], outputs_
         if field.name in LEFT_OUT and not any(row.name in column for row in table if row.field == field.name):
             continue
         at = [column[row.name] for row in table if row.field == field.name]
-        found[field.name] = spread(field, model, outputs_of_run[:, at])
+        flat = np.zeros((len(outputs_of_run), size(field, model.counts)))
+        flat[:, present(field, model)] = outputs_of_run[:, at]
+        found[field.name] = spread(field, model, flat)
     return found
 
 

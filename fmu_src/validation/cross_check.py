@@ -18,7 +18,7 @@ from tensegrity_core import reference
 from tensegrity_core.fields import outputs
 from tensegrity_core.files import replacing_folder, write_text
 from tensegrity_core.model import Model, Result
-from tensegrity_core.model.components import flattened
+from tensegrity_core.model.components import flattened, present
 from tensegrity_core.progress import Told
 
 from ..packing.libraries import TUPLES, here
@@ -112,9 +112,10 @@ def inputs_of(table: tuple[Variable, ...], run: Scenario) -> tuple[list[Variable
 
 def outputs_of(table: tuple[Variable, ...], model: Model, result: Result) -> tuple[list[Variable], list[np.ndarray]]:
     """All outputs in the order of the variable table, and rows (time, values) of the reference."""
-    present = {row.field for row in table}
-    fields = [field for field in outputs() if field.name in present]
-    columns = [result.times[:, None], *(flattened(field, model, result.outputs[field.name]) for field in fields)]
+    known = {row.field for row in table}
+    fields = [field for field in outputs() if field.name in known]
+    values = (flattened(field, model, result.outputs[field.name])[:, present(field, model)] for field in fields)
+    columns = [result.times[:, None], *values]
     return [row for row in table if row.causality == "output"], list(np.hstack(columns))
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tensegrity_core.article.experiments import top_nodes
+from tensegrity_core.equilibria.jointed import movable
 from tensegrity_core.model import Inputs, Model, grid, held
 
 #: Simulated time and communication step, s.
@@ -65,12 +66,12 @@ def shown_damping(model: Model) -> str:
 def _inputs(model: Model, times: np.ndarray):
     top = top_nodes(model)
     up = np.zeros((len(model.nodes), 3))
-    up[top, 2] = LIFT
+    up[top] = LIFT * _upward(model)[top]
     yield "constant", f"{LIFT:g} N upward on each top node", held(model, times, lambda t: up)
 
     node = pushed_node(model)
     wave = np.zeros((len(model.nodes), 3))
-    wave[node, 2] = WAVE
+    wave[node] = WAVE * _upward(model)[node]
     name = model.node_names[node]
     yield (
         "square_wave",
@@ -93,11 +94,21 @@ def _inputs(model: Model, times: np.ndarray):
 
     push = np.zeros((len(model.nodes), 3))
     push[node, list(model.axes)] = np.array([100.0, 50.0, -30.0])[list(model.axes)]
+    push[model.held] = 0.0
     yield (
         "push",
         f"asymmetric push of {np.linalg.norm(push):.0f} N on {name} for 0.5 s",
         held(model, times, lambda t: push if t < 0.5 else 0.0 * push),
     )
+
+
+def _upward(model: Model) -> np.ndarray:
+    """(N, 3) unit vectors of the free nodes: along z, or where a node is fixed along that, along its last free axis."""
+    found = np.zeros((len(model.nodes), 3))
+    for node in model.free_nodes.tolist():
+        axes = [axis for axis in model.axes if not model.held[node, axis]]
+        found[node, 2 if 2 in axes or not model.held[node].any() else axes[-1]] = 1.0
+    return found
 
 
 def _sine(t: float) -> float:
@@ -110,12 +121,12 @@ SHAKING, SWINGING, SHAKES, SWINGS = 0.02, 0.3, 9.0, 4.0
 
 def _shaking(model: Model):
     """t -> positions and velocities (E, 3) of the moved nodes: a sine along each axis in use."""
-    rest, size = model.nodes[list(model.moving)], SHAKING * float(np.max(model.bar_length))
+    rest, size = model.nodes[list(model.moving)], SHAKING * float(np.max(model.bar_length)) * movable(model)
     rates = np.zeros(3)
     rates[list(model.axes)] = SHAKES * np.array([1.0, 1.3, 0.7])[: len(model.axes)]
 
     def motion(t):
-        return rest + size * np.sin(rates * t), np.tile(size * rates * np.cos(rates * t), (len(rest), 1))
+        return rest + size * np.sin(rates * t), size * rates * np.cos(rates * t)
 
     return motion
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tensegrity_core import kernel
+from tensegrity_core import kernel, statics
 from tensegrity_core.fields import COMPARED, FIELDS, outputs
 from tensegrity_core.model import Inputs, Model, Result, Transition
 
@@ -122,11 +122,21 @@ def _across(model: Model, shift: np.ndarray) -> np.ndarray:
     axes = list(model.axes)
     found = np.zeros_like(model.nodes)
     found[:, axes] = shift[:, axes]
+    if model.joint:
+        balance = statics.balance_of(model)
+        basis = balance.basis(balance.shape(statics.free_rows(model, model.nodes)))
+        found = statics.in_space(model, basis @ (basis.T @ statics.free_rows(model, found)))
+        return _scaled(found)
     found[model.fixed] = 0.0
     for (start, end), length in zip(model.bars, model.bar_length):
         along = (model.nodes[end] - model.nodes[start]) / length
         for node in (start, end):
             found[node] -= along * (along @ found[node])
+    return _scaled(found)
+
+
+def _scaled(found: np.ndarray) -> np.ndarray:
+    """The same with a largest component of 1, where there is one."""
     largest = np.max(np.abs(found), initial=0.0)
     return found / largest if largest > 0.0 else found
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_core import kernel
+from tensegrity_core.equilibria.jointed import movable
 from tensegrity_core.errors import TensegrityError
 from tensegrity_core.fields import Field
 from tensegrity_core.model import Inputs, Model, grid, held
@@ -112,7 +113,7 @@ def _phase(i: int) -> float:
 
 
 def _directions(model: Model) -> np.ndarray:
-    """(N, 3) unit vectors at the free nodes, in the axes in use."""
+    """(N, 3) unit vectors at the free nodes, along their free axes among those in use."""
     found = np.zeros((len(model.nodes), 3))
     for i, node in enumerate(model.free_nodes):
         turn = 2.0 * math.pi * _phase(i)
@@ -120,6 +121,7 @@ def _directions(model: Model) -> np.ndarray:
         across = math.sqrt(1.0 - height * height)
         way = np.array([across * math.cos(turn), across * math.sin(turn), height])
         found[node, list(model.axes)] = way[list(model.axes)]
+        found[node, model.held[node]] = 0.0
         found[node] /= np.linalg.norm(found[node])
     return found
 
@@ -128,7 +130,7 @@ def _balanced(model: Model, force: np.ndarray) -> np.ndarray:
     """Forces (N, 3) that do not carry a structure off that nothing holds."""
     if model.fixed.any():
         return force
-    return force - np.mean(force, axis=0)
+    return force - np.mean(force, axis=0) * ~model.held.any(axis=0)
 
 
 class _Blows:
@@ -204,7 +206,7 @@ def _motion(model: Model, turns: float):
     rest = model.nodes[list(model.moving)]
     if not len(rest):
         return None
-    size, rates = SHAKING * float(np.max(model.bar_length)), np.zeros((len(rest), 3))
+    size, rates = SHAKING * float(np.max(model.bar_length)) * movable(model), np.zeros((len(rest), 3))
     for i in range(len(rest)):
         for axis in model.axes:
             rates[i, axis] = turns * (0.8 + 0.9 * _phase(3 * i + axis))

@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..model.components import present
 from ..model.inputs import INPUTS
 from ..model.welds import distances, followers
-from ..statics.matrices import RANK_TOLERANCE
+from ..statics.matrices import RANK_TOLERANCE, lstsq
 from .linearization import HeldBy, System
 
 if TYPE_CHECKING:
@@ -77,6 +77,22 @@ class Constraints:
         found = np.zeros((len(self.rows), second.shape[2]))
         found[: len(self.edges)] = np.einsum("cd,cdk->ck", first, second) / self.length[:, None]
         return found
+
+
+def movable(model: Model) -> np.ndarray:
+    """(E, 3) bool: the axes along which each moved node can go a little while the others stand, and all bars keep their
+    lengths."""
+    found = model.moved[list(model.moving)]
+    if not model.joint or not len(found):
+        return found
+    axes, found = list(model.axes), found.copy()
+    rows = Constraints(model, model.nodes[:, axes].ravel()).rows
+    free = rows[:, model.free_coordinates]
+    for e, node in enumerate(model.moving):
+        columns = rows[:, node * len(axes) : (node + 1) * len(axes)]
+        left = columns - free @ lstsq(free, columns)
+        found[e, axes] &= np.abs(left).max(axis=0, initial=0.0) < CURVED
+    return found
 
 
 class JointedSystem(System):
