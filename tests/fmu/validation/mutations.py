@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fmu_src.validation.compare import Comparison, compare
+from fmu_src.validation.compare import COUNTED, Comparison, compare
 from fmu_src.validation.scenarios import Scenario
 from fmu_src.validation.sensitivity import OUTPUTS, Spread, spreads
 from fmu_src.validation.trials import trials
@@ -62,7 +62,7 @@ def prepared(model: Model) -> list[Trial]:
 
 def as_fmu(result: Result) -> dict[str, np.ndarray]:
     """What compare.series makes of an FMU's outputs."""
-    return {name: getattr(result, name) for name in (*OUTPUTS, "throughput", "snapped")}
+    return {name: getattr(result, name) for name in (*OUTPUTS, "throughput", *COUNTED)}
 
 
 def judged(trial: Trial, found: Result) -> Comparison:
