@@ -3,7 +3,7 @@ docs/ground.md and its figures, in about a minute.
 
 Dropped: from 1 m onto a face, cables plain and with honeycombs of rising force.  Rolled: from face to face by rest lengths:
 one cable of the present face after the other is tried, shortened and let go again, and that which brings it farthest along x
-is kept.
+is kept.  Steps: see steps.py.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tensegrity_core.model import Model, grid, held
 from tensegrity_core.scene import parse_scene
 from tensegrity_core.statics import build_model
 
+from . import steps
 from .octahedron import BARS, CABLES, table
 
 #: What both have in common: a bar's mass, kg.
@@ -183,6 +184,7 @@ def collect() -> dict:
     found = {
         "drops": [landing(scale) for scale in SCALES],
         "agreement": agreement(SHOWN[1], 0.6),
+        "steps": steps.measure(),
         "rolling": rolling(build_model(parse_scene(table(0.0, FLOOR, **ROLLED)))),
     }
     return plain({"machine": where, "seconds": processor_seconds() - begun, **found})
@@ -244,10 +246,12 @@ def report(data: dict) -> str:
     struck = max(abs(row["touching"] / plain_cables["touching"] - 1.0) for row in with_nsh)
     constants |= {"struck": struck, "compared": SHOWN[1], "flat": [row["scale"] for row in with_nsh if not row["others"]]}
     constants |= {"shorten": SHORTEN, "part": PART, "tighter": TIGHTER, "tolerance": TOLERANCE}
+    constants |= {"halved": steps.HALVED, "ordered": steps.ORDERED, "exact": steps.EXACT, "over": steps.HEIGHT}
     return rendered("ground/page", **data, plain=plain_cables, best=best, **constants)
 
 
-PAGE = Page(__doc__, "ground", collect, report, figures={"ground_drop": draw_drop, "ground_roll": draw_roll})
+FIGURES = {"ground_drop": draw_drop, "ground_roll": draw_roll, "ground_steps": steps.draw}
+PAGE = Page(__doc__, "ground", collect, report, figures=FIGURES)
 
 if __name__ == "__main__":
     PAGE.main()
