@@ -78,13 +78,20 @@ def _of_motion(model: Model, table: Places) -> dict[int, set[int]]:
     return out
 
 
+def joined_bars(model: Model) -> set[int]:
+    """Bars that are no group of class 1, and those that share a node."""
+    shared = np.bincount(model.bars.ravel(), minlength=len(model.nodes)) > 1
+    beyond = {bar for group in model.groups if not group.class_1 for bar in group.bars}
+    return beyond | set(np.flatnonzero(shared[model.bars].any(axis=1)).tolist())
+
+
 class Places:
     """Sets of value references that belong together in one model.
 
     end: the first reference behind them;
     movers: node -> places among the moved nodes of those that it moves with: itself, its bar's pinned end, or those of its
-    group; group_of: bar -> its group of bars that move each other, of those beyond class 1; joined: node -> the same, of nodes
-    that are not fixed along all axes.
+    group; group_of: bar -> its group of bars that move each other, of those that the kernel keeps in their nodes' coordinates;
+    joined: node -> the same, of nodes that are not fixed along all axes.
     """
 
     def __init__(self, model: Model):
@@ -98,7 +105,8 @@ class Places:
         for s, nsh in model.honeycombs.items():
             self.first_beam[s] = beams
             beams += len(nsh.Q)
-        joined = [group for group in model.groups if not group.class_1]
+        joined_in_kernel = joined_bars(model)
+        joined = [group for group in model.groups if not joined_in_kernel.isdisjoint(group.bars)]
         self.group_of = {b: group for group in joined for b in group.bars}
         self.joined = {node: group for group in joined for node in group.nodes if not model.fixed[node]}
         self.movers = self._movers()

@@ -197,13 +197,11 @@ class Graph:
             )
             for node in free:
                 self.of_node[node] = own
-        lone = set(model.lone_nodes.tolist())
-        for node in model.free_nodes.tolist():
-            if node in lone or node in self.places.joined:
-                name = model.node_names[node]
-                free_axes = tuple(i for i, axis in enumerate(model.axes) if not model.held[node, axis])
-                what = f"{'point mass' if node in lone else 'node'} {name}: position"
-                self.of_node[node] = [self._add(f"{name}.coordinate", free_axes, what)]
+        lone, single = model.lone_nodes.tolist(), {node for node, _ in model.partly_fixed}
+        last = [node for node in model.free_nodes.tolist() if node in self.places.joined or (node in lone and node in single)]
+        for node in [node for node in lone if node not in last] + last:
+            name, what = model.node_names[node], "point mass" if node in lone else "node"
+            self.of_node[node] = [self._add(f"{name}.coordinate", every, f"{what} {name}: position")]
         self.motor = {}
         for s in model.actuated:
             name = model.string_names[s]
