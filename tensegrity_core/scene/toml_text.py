@@ -6,9 +6,13 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 
 def toml(value: Any) -> str:
     """A value in TOML, in one line; numbers read back to the last bit."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, str):
         return json.dumps(value).replace("\x7f", "\\u007f")  # TOML's escapes are JSON's, and it wants this one
     if isinstance(value, bool):

@@ -13,7 +13,8 @@ from tensegrity_core.model import grid, held
 from tests.reference.test_structures import FOLDER
 
 PLAIN = ("two_bar", "three_bar", "six_bar")
-JOINTED = sorted(path.stem for path in FOLDER.glob("*.toml"))
+GROUNDED = sorted(path.stem for path in FOLDER.glob("*.toml") if "[ground]" in path.read_text(encoding="utf-8"))
+JOINTED = sorted({path.stem for path in FOLDER.glob("*.toml")} - {*GROUNDED})
 NODES = (
     "name, x, y, z, fixed, mass, vx\nn1, 0, 0, 0, yes, ,\nn2, 0, 0, 1, x, , \nn3, 1, 0, 1, yes, ,\nn4, 1, 1, 2, , 0.5, 0.1\n"
 )
@@ -120,6 +121,9 @@ def test_files_that_are_none(tmp_path):
 def test_what_tables_cannot_say_is_refused_and_nothing_is_written(tmp_path, capsys):
     with pytest.raises(TensegrityError, match="three_bar_nsh: tables .* cannot say the NSH of s1, s2, s3"):
         tc.export_scene("three_bar_nsh", tmp_path / "a_nodes.csv", "csv")
+    for name in GROUNDED:
+        with pytest.raises(InputError, match="cannot say its ground"):
+            tc.export_scene(FOLDER / f"{name}.toml", tmp_path / "a_nodes.csv", "csv")
     with pytest.raises(InputError, match="`nodes` in its name"):
         tc.export_scene("three_bar", tmp_path / "a.csv", "csv")
     assert main(["export", "three_bar", "--to", "cvs"]) == 2

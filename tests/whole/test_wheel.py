@@ -194,6 +194,7 @@ COMMANDS = [
     ("schema", ""),
     ("export three_bar --to csv --output bridge_nodes.csv", "bridge_members.csv"),
     ("import bridge_nodes.csv --output bridge.toml", "bridge.toml"),
+    ("export six_bar --to mjcf", "six_bar.xml"),
     ("tower 1 --output tower.toml", "tower.toml"),
     ("simulate tower.toml --duration 0.02 --output run.csv", "run.csv"),
     ("simulate two_bar --force n4.z=5 --duration 0.1 --output run.npz", "run.npz"),
