@@ -19,6 +19,7 @@ def summary(model: Model, start: str) -> str:
         f"{model.name}: {model.description}" if model.description else model.name,
         f"  nodes: {len(model.nodes)} ({len(model.fixed_nodes)} fixed), axes {axes}",
         f"  bars: {len(model.bars)}, strings: {len(model.strings)} ({len(model.nsh_strings)} with an NSH)",
+        *_strings(model),
         *_joints(model),
         *_analysis(model),
         f"  start: {start}, {_balance(model)}",
@@ -55,6 +56,23 @@ def _analysis(model: Model) -> list[str]:
     ]
 
 
+def _strings(model: Model) -> list[str]:
+    """What strings have beside two ends: a way over several nodes, mass, a law that pushes."""
+    lines = [
+        f"  {model.string_names[string]} runs over {', '.join(model.node_names[node] for node in path)}"
+        for string, path in model.routes
+    ]
+    if len(lines) > MOST_ROUTES:
+        lines = [f"  over several nodes: {len(lines)} strings"]
+    if model.massive_strings:
+        mass, how = model.string_mass.sum(), model.string_mass_matrix
+        lines.append(f"  strings with mass: {len(model.massive_strings)}, {mass:.6g} kg in all ({how})")
+    pushing = [name for name, one in zip(model.string_names, model.two_way) if one]
+    if pushing:
+        lines.append(f"  springs that also push: {', '.join(pushing) if len(pushing) <= MOST_ROUTES else len(pushing)}")
+    return lines
+
+
 def _joints(model: Model) -> list[str]:
     """What is beyond class 1: partly fixed nodes, welds, bars whose forces the lengths leave open."""
     lines = []
@@ -68,6 +86,7 @@ def _joints(model: Model) -> list[str]:
     return lines
 
 
+MOST_ROUTES = 20  # strings over several nodes that are listed
 LISTED = 500  # nodes or members; of more than these, only the range is shown
 
 
@@ -163,5 +182,8 @@ def data(model: Model, start: str) -> dict[str, Any]:
         "rigid_bodies": [[model.bar_names[i] for i in body.bars] for body in model.bodies],
         "redundant_bars": [name for name, one in zip(model.bar_names, model.redundant) if one],
         "utilisation": _used(model),
+        "ways": {model.string_names[string]: [model.node_names[node] for node in path] for string, path in model.routes},
+        "string_mass": {model.string_names[i]: model.string_mass.item(i) for i in model.massive_strings},
+        "two_way": [name for name, one in zip(model.string_names, model.two_way) if one],
         "honeycombs": [model.string_names[i] for i in model.nsh_strings],
     }

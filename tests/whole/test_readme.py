@@ -25,6 +25,7 @@ from tensegrity_core import cli
 from tensegrity_core.scene import scene_schema
 from tests.support import same_picture, scene
 from tests.support.driven_scenes import LABORATORY, RATED, built
+from tests.support.rigged_scenes import RIGGED
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -232,7 +233,7 @@ def test_every_key_of_a_scene_file_is_documented(heading, definition):
         if "default" in entry:
             shown = rows[key][3].strip("`").replace('"', "")
             default = entry["default"]
-            expected = {"{}": {}, "[]": []}.get(shown, shown)
+            expected = {"{}": {}, "[]": [], "false": False}.get(shown, shown)
             assert expected == default or str(default) == shown, f"{key}: {shown} documented, {default!r} in the schema"
         for choice in entry.get("enum", ()):
             assert f'"{choice}"' in rows[key][1], f"{key}: {choice} is not documented"
@@ -242,6 +243,7 @@ MODELS_OF = {
     "Variables": "three_bar_nsh",
     "Variables of drives": LABORATORY,
     "Variables of what members bear": RATED,
+    "Variables of strings with mass": RIGGED,
 }
 
 
@@ -250,7 +252,8 @@ def test_every_variable_of_the_fmu_is_documented(heading, model):
     model = scene(model) if isinstance(model, str) else built(model)
     known = {row.name: row for row in variables(model)}
     common = {row.field for row in variables(scene("three_bar_nsh"))} if heading != "Variables" else set()
-    common |= {row.field for row in variables(built(LABORATORY))} if heading == "Variables of what members bear" else set()
+    beyond_drives = ("Variables of what members bear", "Variables of strings with mass")
+    common |= {row.field for row in variables(built(LABORATORY))} if heading in beyond_drives else set()
     documented = {}
     for name, causality, unit, _ in table(ROOT / "docs" / "fmu.md", heading):
         row = known[name.strip("`")]
