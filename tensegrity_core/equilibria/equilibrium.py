@@ -44,6 +44,10 @@ class Equations:
         self.loading, self.model = loading, loading.model
         model = self.model
         statics.require_small(model, "following an equilibrium path")
+        if model.ground is not None:
+            raise InputError(
+                f"{model.name}: it stands on the ground, which paths of equilibria do not know yet; leave [ground] out"
+            )
         _require_regular(model)
         self.laws = string_laws(model)
         self.balance = balance = statics.balance_of(model)

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import statics
+from ..errors import InputError
 from ..laws.dampers import slopes_at_rest
 from ..model import Model
 from ..statics import NEUTRAL
@@ -84,6 +85,8 @@ def matrices(model: Model, force=None) -> Matrices:
     Raises TooLarge: they are dense.
     """
     statics.require_small(model, "finding its modes")
+    if model.ground is not None:
+        raise InputError(f"{model.name}: it stands on the ground, which modes do not know yet; leave [ground] out")
     point = statics.Surface(model, force, _Plain).at(statics.free_rows(model, model.nodes))
     taut = (model.string_lengths(model.nodes) > model.rest_length) | model.two_way
     growth = -statics.equilibrium_matrix(model)[:, : len(taut)].T @ point.basis

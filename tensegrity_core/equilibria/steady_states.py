@@ -113,10 +113,10 @@ def load_sweep(
 def reached(model: Model, force: np.ndarray, told: Callable[[float], object] | None = None) -> Model:
     """The model at the steady state that forces (N, 3), N, reach which grow slowly, from where it starts.
 
-    One with memories settles under them: a path would not know where they come from.  told: see load_sweep.  Raises
-    TensegrityError.
+    One with memories settles under them: a path would not know where they come from; so does one on the ground.  told: see
+    load_sweep.  Raises TensegrityError.
     """
-    if model.memories:
+    if model.memories or model.ground is not None:
         return statics.settle(model, force)
     loading = Loading(model, force)
     return loading.model_at(1.0, load_sweep(loading, [0.0, 1.0], told=told).nodes[-1])

@@ -25,6 +25,7 @@ def summary(model: Model, start: str) -> str:
         f"  start: {start}, {_balance(model)}",
         *_moves(model),
         *_forces(model),
+        *_ground(model),
         *_utilisation(model),
     ]
     return "\n".join(lines)
@@ -117,6 +118,22 @@ def _forces(model: Model) -> list[str]:
     ]
 
 
+def _ground(model: Model) -> list[str]:
+    """What the ground bears at the start, the nodes that press most first."""
+    if model.ground is None:
+        return []
+    pressed = sorted(_pressed(model).items(), key=lambda one: -one[1])
+    total = sum(pressure for _, pressure in pressed)
+    rows = [f"    {name}: {pressure:.6g} N" for name, pressure in pressed[:LISTED]]
+    return [f"  ground: {len(pressed)} of {len(model.contacts)} nodes stand on it and press with {total:.6g} N", *rows]
+
+
+def _pressed(model: Model) -> dict[str, float]:
+    """N, of the nodes that touch the ground at the start."""
+    pressed = zip(model.contacts, statics.pressures(model, model.nodes).tolist())
+    return {model.node_names[contact.node]: pressure for contact, pressure in pressed if pressure > 0.0}
+
+
 def _utilisation(model: Model) -> list[str]:
     """How much of what they bear the members with a section or a strength use at the start, the most used ones first."""
     used = sorted(_used(model).items(), key=lambda one: -one[1])
@@ -181,6 +198,7 @@ def data(model: Model, start: str) -> dict[str, Any]:
         "partly_fixed": {model.node_names[node]: ["xyz"[axis] for axis in axes] for node, axes in model.partly_fixed},
         "rigid_bodies": [[model.bar_names[i] for i in body.bars] for body in model.bodies],
         "redundant_bars": [name for name, one in zip(model.bar_names, model.redundant) if one],
+        "ground": _pressed(model),
         "utilisation": _used(model),
         "ways": {model.string_names[string]: [model.node_names[node] for node in path] for string, path in model.routes},
         "string_mass": {model.string_names[i]: model.string_mass.item(i) for i in model.massive_strings},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .analysis import analyse, rigid_body_motions, rigid_fields
 from .balance import Balance
 from .forces import equilibrium_matrix, loads, member_forces, residual, unbalanced
+from .ground import depths, ground_loads, pressures
 from .jointed import balance_of
 from .matrices import Dense, TooLarge, free_rows, freedoms, in_space, lengths_between, null_space, require_small, shortest_bar
 from .members import members, places
@@ -25,10 +26,12 @@ __all__ = [
     "analyse",
     "balance_of",
     "build_model",
+    "depths",
     "descend",
     "equilibrium_matrix",
     "free_rows",
     "freedoms",
+    "ground_loads",
     "in_space",
     "is_stable",
     "lengths_between",
@@ -37,6 +40,7 @@ __all__ = [
     "members",
     "null_space",
     "places",
+    "pressures",
     "require_small",
     "residual",
     "rigid_body_motions",

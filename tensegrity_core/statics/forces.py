@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Model
+from .ground import ground_loads, stiffnesses
 from .jointed import Jointed, members_of
 from .matrices import free_rows, in_space, require_small
 from .members import Shape
@@ -67,7 +68,7 @@ def residual(model: Model, force=None) -> np.ndarray:
 
 def _at_start(model: Model, force) -> tuple[Shape, np.ndarray, np.ndarray]:
     """Members at the model's start, their force densities (S+B,), N/m, and what stays unbalanced (n,), N."""
-    at, load = members_of(model), free_rows(model, loads(model, force))
+    at, load = members_of(model), free_rows(model, loads(model, force) + ground_loads(model, model.nodes))
     shape = at.shape(at.start)
     density, left = at.balanced(shape, load, string_tension(model, shape.length) / shape.length)
     return shape, density, left
@@ -100,5 +101,7 @@ def round_off(model: Model) -> float:
 
 def coordinate_force(model: Model) -> float:
     """N: the largest of stiffness times length, or times coordinate; a round-off in coordinates makes EPS of it."""
-    reach = np.maximum(model.string_lengths(model.nodes), float(np.abs(model.nodes).max()))
-    return float(np.max(model.stiffness * reach, initial=0.0))
+    away = float(np.abs(model.nodes).max())
+    reach = np.maximum(model.string_lengths(model.nodes), away)
+    pressed = float(np.max(stiffnesses(model), initial=0.0)) * away
+    return max(float(np.max(model.stiffness * reach, initial=0.0)), pressed)

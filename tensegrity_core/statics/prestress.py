@@ -11,6 +11,7 @@ from ..errors import InputError, TensegrityError
 from ..laws import hysteresis, string_law
 from ..model import Model
 from .forces import loads, residual, round_off, whole_matrix
+from .ground import ground_loads
 from .matrices import TooLarge, free_rows, lstsq, null_space, require_small
 from .strings import string_tension
 
@@ -74,7 +75,7 @@ def _balancing(scene: Scene, model: Model, tension: np.ndarray, unknown: np.ndar
             {**scene.prestress.tension, **scene.prestress.force_density, **scene.prestress.rest_length},
         )
     known = np.concatenate([np.nan_to_num(tension), np.zeros(matrix.shape[1] - count)])
-    load = free_rows(model, loads(model)) + matrix @ known
+    load = free_rows(model, loads(model) + ground_loads(model, model.nodes)) + matrix @ known
     found = -lstsq(matrix[:, columns], load)[: len(unknown)]
     scale = max(1.0, float(np.abs(load).max(initial=0.0)))
     for i, value in zip(unknown, found):
@@ -119,6 +120,9 @@ def require_balance(scene: Scene, model: Model) -> None:
     node = model.node_names[model.free_nodes[int(np.argmax(force))]]
     problem = f"the given coordinates are not in equilibrium: {force.max():.3g} N stay unbalanced at {node}"
     remedy = 'Correct the coordinates or the prestress, or write start = "settled" (or "released").'
-    if not model.held.any() and np.any(model.g):
+    if model.contacts:
+        borne = np.linalg.norm(ground_loads(model, model.nodes).sum(axis=0))
+        remedy = f'Write start = "settled" (or "released"): the ground bears {borne:.3g} N, as deep as nodes stand in it.'
+    elif not model.held.any() and np.any(model.g):
         remedy = "No node is fixed, so nothing bears the weight: fix a node, or let it float with gravity = 0."
     raise scene.error(f"nodes.{node}", problem, remedy)

@@ -100,9 +100,20 @@ def descend(surface: Surface, free: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _require_support(surface: Surface) -> None:
-    """A structure afloat has an equilibrium only where its loads cancel."""
-    net = surface.load.sum(axis=0)[list(surface.model.axes)]
-    afloat = np.logical_not(surface.model.held[:, surface.model.axes].any(axis=0))
+    """A structure afloat has an equilibrium only where its loads cancel, or press it to the ground."""
+    model, net = surface.model, surface.load.sum(axis=0)
+    afloat = np.logical_not(model.held[:, model.axes].any(axis=0))
+    if model.contacts and model.ground is not None:
+        normal = np.array(model.ground.normal)
+        if net @ normal < 0.0:
+            net = net - normal * (net @ normal)
+        if np.abs(net[list(model.axes)][afloat]).max(initial=0.0) > surface.balanced:
+            raise NoEquilibrium(
+                f"no node is fixed, and the ground, here without friction, does not bear {np.linalg.norm(net):.6g} N of the "
+                "loads; fix a node, or let it start released, where friction acts"
+            )
+        return
+    net = net[list(model.axes)]
     if np.abs(net[afloat]).max(initial=0.0) > surface.balanced:
         raise NoEquilibrium(
             f"no node is fixed, and the loads' sum is not 0 but {np.linalg.norm(net):.6g} N; fix a node, or let it float "

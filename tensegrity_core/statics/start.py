@@ -31,8 +31,6 @@ def build_model(scene: Scene) -> Model:
     negative, no equilibrium exists, or the model cannot be simulated (see `simulable`).
     """
     _require_laws(scene)
-    if scene.ground is not None and scene.start != "released":
-        raise scene.error("start", "statics do not know the ground yet", 'Write start = "released".', scene.start)
     model = _at_given_coordinates(scene)
     tension = prestress(scene, model)
     model = replace(model, rest_length=rest_lengths(scene, model, tension))

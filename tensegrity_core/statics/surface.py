@@ -12,6 +12,7 @@ from ..model import Model
 from .analysis import rigid_body_motions
 from .balance import Balance
 from .forces import BALANCED, EPS, coordinate_force, loads
+from .ground import ground_energy, ground_loads, ground_stiffness
 from .jointed import balance_of
 from .matrices import Dense, Matrix, Sparse, free_rows, freedoms, require_small, shortest_bar
 from .strings import Laws, string_branches, string_energy, string_tension, string_values
@@ -161,12 +162,24 @@ class Surface:
 
     def energy(self, free: np.ndarray) -> float:
         stored = string_energy(self.model, self.balance.lengths(free), self.laws)
-        return self.balance.energy(stored, self._felt, free)
+        found = self.balance.energy(stored, self._felt, free)
+        return found + ground_energy(self.model, self.balance.nodes(free)) if self.model.contacts else found
 
     def at(self, free: np.ndarray) -> SurfacePoint:
         """Energy, force and tangent stiffness along the directions that keep the bars' lengths."""
+        if self.model.contacts:
+            return self._on_ground(free)
         found = self.balance.at(free, self.model.rest_length, self._felt, self._strings)
         return SurfacePoint(self.energy(free), found.basis, found.pull, self.decomposition(found.tangent))
+
+    def _on_ground(self, free: np.ndarray) -> SurfacePoint:
+        """The same where nodes may touch the ground."""
+        nodes = self.balance.nodes(free)
+        pressed = self._felt + free_rows(self.model, ground_loads(self.model, nodes))
+        found = self.balance.at(free, self.model.rest_length, pressed, self._strings)
+        ground = ground_stiffness(self.model, nodes, self.balance.place)
+        tangent = found.tangent + found.basis.T @ (ground @ found.basis)
+        return SurfacePoint(self.energy(free), found.basis, found.pull, self.decomposition(tangent))
 
     def _strings(self, elongation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tension (S,), N, and stiffness (S,), N/m, at elongations (S,), m."""
