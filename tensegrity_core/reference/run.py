@@ -483,8 +483,9 @@ class _Run:
         dense = solver.dense_output()
         times = np.linspace(t, solver.t, SAMPLES + 1)
         samples = np.array([self._gaps(mode, at, dense(at)) for at in times])
+        passed = (samples[1:] < -self.round_off).any(axis=0)  # and back again, as the ends alone do not tell
         found = []
-        for row, column in np.argwhere(crossed | turned):
+        for row, column in np.argwhere(crossed | turned | passed):
 
             def gap(at, row=row, column=column):
                 return self._gaps(mode, at, dense(at))[row, column]

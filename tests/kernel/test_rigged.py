@@ -271,6 +271,23 @@ def test_random_structures_agree(seed):
     assert apart(model, drive(model, 0.24, 0.04)) <= 1e-7
 
 
+def test_the_reference_sees_a_release_that_is_over_before_a_piece_ends():
+    """A clipped string is released and, on the formula of its piece gone on past its end, clipped again within one step."""
+    model, random = routed(random_model(261), 261), np.random.default_rng(261)
+    damping = np.where(random.random(len(model.strings)) < 0.3, 0.0, model.damping)
+    model = replace(model, damping=damping, damping_law="tension_only")
+    random = np.random.default_rng(338)
+    times, force = grid(0.24, 0.04), random.normal(size=(len(model.nodes), 3)) * 15.0 * ~model.fixed[:, None]
+    omega = random.uniform(2.0, 9.0, 3)
+    inputs = held(
+        model,
+        times,
+        force=lambda t: force * np.sin(omega[0] * t),
+        rest_length=lambda t: model.rest_length * (1.0 - 0.02 * np.sin(omega[1] * t)),
+    )
+    assert apart(model, inputs) <= 1e-9
+
+
 def sweep(count, duration):
     """How many agree, and of the others how far a push of 1e-9 N moves the kernel's own run."""
     agreed, worst = 0, 0.0
