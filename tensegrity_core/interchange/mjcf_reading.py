@@ -9,6 +9,8 @@ joints belong to their parents.  What hinges or slides in a plane makes a planar
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,21 +37,33 @@ def read(path: Path, unit: float | None) -> Imported:
     text = content(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError(f"{path} has a DOCTYPE, which no MuJoCo model needs; leave it out")
+    with _quiet(mujoco):
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except (ValueError, RuntimeError, mujoco.FatalError) as failure:
+            told = " ".join(str(failure).split())[:300]
+            raise InputError(f"{path} is no model that MuJoCo reads: {told}; correct it") from None
+        if model.nbody > MOST_BODIES:
+            problem = f"{path} has {model.nbody} bodies, more than {MOST_BODIES}"
+            raise InputError(f"{problem}; leave out what the structure does not need")
+        data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+        mujoco.mj_forward(model, data)
+        if not np.isfinite(data.qacc).all():
+            raise InputError(f"{path}: the model has no finite accelerations at its start; correct masses and stiffnesses")
+        return _Reading(path, 1.0 if unit is None else unit, mujoco, model, data).made()
+
+
+@contextmanager
+def _quiet(mujoco: Any) -> Iterator[None]:
+    """Warnings of MuJoCo go nowhere: left to itself, it writes them into a file in the present folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, RuntimeError, mujoco.FatalError) as failure:
-        raise InputError(f"{path} is no model that MuJoCo reads: {' '.join(str(failure).split())[:300]}; correct it") from None
-    if model.nbody > MOST_BODIES:
-        raise InputError(
-            f"{path} has {model.nbody} bodies, more than {MOST_BODIES}; leave out what the structure does not need"
-        )
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
-    if not np.isfinite(data.qacc).all():
-        raise InputError(f"{path}: the model has no finite accelerations at its start; correct masses and stiffnesses")
-    return _Reading(path, 1.0 if unit is None else unit, mujoco, model, data).made()
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 class _Reading:
@@ -182,6 +196,9 @@ class _Reading:
             half = self.model.geom_size[g][1] * self.data.geom_xmat[g].reshape(3, 3)[:, 2]
             at = self.data.geom_xpos[g]
             ends = [self._node(at + sign * half, f"{self.name('geom', g)}_{end}", body) for sign, end in ((-1, "a"), (1, "b"))]
+            if ends[0] == ends[1]:
+                what = f"the geom {self.name('geom', g)} is so short that its ends are one node in a model of this extent"
+                raise self.error(what, "give it another length, or leave out what lies far off")
             self.bars.append((self.name("geom", g), *ends, 0.0))
         self._weigh(body, parts, first)
         if len(shapes) > 1:
