@@ -13,6 +13,7 @@ from ..model.elements import Damper, Element, Parallel, Series
 from ..model.inputs import INPUTS, starts
 from ..model.model import Model
 from ..quantities import number
+from .joints import packed_joints
 
 #: Begins the bytes of a model, and says their layout.
 MAGIC = b"TSMODEL2"
@@ -109,8 +110,6 @@ def unknown(model: Model) -> tuple[str, str] | None:
     """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
     for string, *_ in model.string_mass_links:
         return f"string {model.string_names[string]} has a consistent mass matrix", 'write string_mass_matrix = "lumped"'
-    if model.joint:
-        return model.joint, "let every bar have its own nodes"
     if model.ground is not None and model.ground.law == "literal":
         return "its ground pulls", 'write law = "clipped" in [ground]'
     return None
@@ -139,7 +138,9 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     heavy = {string: place for place, string in enumerate(model.massive_strings)}
     shares = [(heavy[string], node, share) for string, node, share in model.string_mass_shares]
     two_way = np.flatnonzero(model.two_way)
+    joints = packed_joints(model)
     sizes = [len(programs.ints), len(programs.doubles), len(model.routes), len(routes), len(shares), len(two_way)]
+    sizes += [len(joints.ints), len(joints.doubles)]
     header = [*counts, DAMPING_LAWS.index(model.damping_law), METHODS.index(method), z_axis, *sizes]
     ints = [*header, *model.fixed.astype(int), *model.bars.ravel(), *model.strings.ravel(), *beams, *laws, *places]
     ints += [*(node for node, _ in model.point_mass), *(node for node, _ in model.drag), *model.moving, *model.actuated]
@@ -147,6 +148,7 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     ints += [*programs.ints, *routes, *(n for place, node, _ in shares for n in (place, node)), *two_way]
     if model.contacts and model.ground is not None:
         ints += [*(contact.node for contact in model.contacts), GROUND_LAWS.index(model.ground.law)]
+    ints += joints.ints
     ints += [0] * (len(ints) % 2)
     start = _parameters(model, tolerance, max_step)
     doubles = [model.nodes[:, axes].ravel(), model.velocity[:, axes].ravel(), np.array(programs.doubles)]
@@ -154,5 +156,6 @@ def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_s
     doubles.append(np.array([share for _, _, share in shares]))
     if model.contacts and model.ground is not None:
         doubles += [np.array(model.ground.point)[axes], np.array(model.ground.normal)[axes]]
+    doubles.append(np.array(joints.doubles))
     body = MAGIC + np.array(ints, "<i4").tobytes() + np.concatenate(doubles).astype("<f8").tobytes()
     return body + fnv1a(body).to_bytes(8, "little")

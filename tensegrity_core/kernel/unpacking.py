@@ -14,11 +14,12 @@ from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, size
 from ..model.elements import KINDS, Element, Parallel, Series
 from ..model.model import NSH, Actuator, Model
 from ..model.strength import Section
+from .joints import unpacked_joints
 from .packing import MAGIC, SERIES_LAWS, fnv1a
 
-#: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs, of routes, of shares and of
-#: strings that push.
-_HEADER = len(COUNTS) + 9
+#: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs, of routes, of shares, of
+#: strings that push, and of the joints.
+_HEADER = len(COUNTS) + 11
 
 
 def counts_of(packed: bytes) -> dict[str, int]:
@@ -52,10 +53,12 @@ def from_bytes(
     beams, laws = ints.take(S).tolist(), ints.take(S).tolist()
     elements, dampers = ints.take(2 * S).reshape(-1, 2).tolist(), ints.take(2 * S).reshape(-1, 2).tolist()
     massive, slowed, moving, wound, columns, ropes, heavy = (ints.take(counts[letter]).tolist() for letter in "PREACTM")
-    sizes = dict(zip(("ints", "doubles", "routes", "route_ints", "shares", "two_way"), head[-6:]))
+    sizes = dict(zip(("ints", "doubles", "routes", "route_ints", "shares", "two_way", "joints", "places"), head[-8:]))
     program = ints.take(sizes["ints"]).tolist()
     routes = _routes(ints.take(sizes["route_ints"]).tolist())
     sharing, pushing = ints.take(2 * sizes["shares"]).reshape(-1, 2), ints.take(sizes["two_way"])
+    ints.take(counts["K"] + (counts["K"] > 0))
+    joints = unpacked_joints(ints.take(sizes["joints"]).tolist(), moving, tuple(axes))
     ints.at += -(ints.at - 8) % 8
     doubles = np.frombuffer(packed, "<f8", (len(packed) - 8 - ints.at) // 8, ints.at)
     parts = iter(doubles.tolist())
@@ -110,6 +113,7 @@ def from_bytes(
         routes=routes,
         string_mass=string_mass,
         two_way=two_way,
+        **joints._asdict(),
     )
     vars(found)["string_mass_shares"] = tuple(shares)  # by the scene's coordinates, which are not packed
     return found

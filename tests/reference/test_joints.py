@@ -8,7 +8,6 @@ import scipy
 
 from tensegrity_core import reference, statics
 from tensegrity_core.errors import InputError, SimulationError
-from tensegrity_core.kernel import to_bytes
 from tensegrity_core.model import grid, held
 from tests.support import by_hand
 
@@ -94,12 +93,6 @@ def test_force_of_a_bar_at_rest():
     result = reference.simulate(model, held(model, grid(0.1, 0.1)))
     np.testing.assert_allclose(result.bar_force, GRAVITY * np.array([[6.5, 5.0, 2.0]] * 2), rtol=1e-12)
     np.testing.assert_allclose(result.reaction[:, 0], [[0.0, 0.0, 7.0 * GRAVITY]] * 2, rtol=1e-12)
-
-
-def test_kernel_refuses():
-    """While the kernel knows no joints it computes nothing wrong about them."""
-    with pytest.raises(InputError, match="bars b1 and b2 share the node n2, which the kernel.*; use tensegrity_core.reference"):
-        to_bytes(hanging([0.1, 0.2]))
 
 
 def run(model, duration, step, **signals):

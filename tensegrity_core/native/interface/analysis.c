@@ -7,6 +7,7 @@
 #include "linear/pairs.h"
 #include "model/data.h"
 #include "motion/jacobian.h"
+#include "motion/joints.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "motion/pieces.h"
@@ -60,14 +61,15 @@ void ts_jacobian(ts_sim *sim, double tau, const double *y, double *Jq, double *J
     sim->linear.ready = 0;
     memset(Jq, 0, sizeof(double) * nq * nq);
     memset(Jv, 0, sizeof(double) * nq * nq);
-    for (size_t i = 0; i < (size_t)p->n; i++)
+    for (size_t i = 0; i < (size_t)sim->m.blocks; i++)
         for (size_t n = (size_t)p->row[i]; n < (size_t)p->row[i + 1]; n++)
-            for (size_t r = 0; r < D; r++)
+            for (size_t r = 0; r < D && p->column[n] < sim->m.blocks; r++)
                 for (size_t c = 0; c < D; c++) {
                     size_t at = (i * D + r) * nq + (size_t)p->column[n] * D + c;
                     Jq[at] = sim->linear.Jq[(n * D + r) * D + c];
                     Jv[at] = sim->linear.Jv[(n * D + r) * D + c];
                 }
+    if (sim->m.joint.nodes) ts_eliminate_multipliers(sim, Jq, Jv);
     memcpy(ft, sim->linear.ft, sizeof(double) * nq);
 }
 

@@ -2,6 +2,7 @@
 #include "interface/checks.h"
 #include "interface/message.h"
 #include "model/data.h"
+#include "model/joints.h"
 #include "motion/motion.h"
 #include "tensegrity.h"
 
@@ -61,7 +62,7 @@ static int wrong_mass(const ts_sim *sim)
     for (int i = 0; m->node.lone_count && i < m->count[TS_P] + m->packed.shares; i++) {
         const int share = i - m->count[TS_P], node = share < 0 ? m->packed.massed[i] : m->packed.sharing[2 * share + 1];
         const int from = share < 0 ? m->at[TS_POINT_MASS] + i : m->at[TS_STRING_MASS] + m->packed.sharing[2 * share];
-        if (m->node.block[node] < 0 || m->block.bar[m->node.block[node]] >= 0) continue;
+        if (m->node.block[node] < 0 || m->block.bar[m->node.block[node]] >= 0 || m->joint.bears[node]) continue;
         if (!(sim->io.values[from] > 0.0) && !(mass_at(sim, node) > 0.0)) return from;
     }
     return -1;
@@ -75,6 +76,15 @@ static int all_within(const double *x, int n, double low, double high)
     return within;
 }
 
+/* Is it the mass of a joined bar that never had any? */
+static int is_massless(const ts_sim *sim, int i)
+{
+    const ts_model *m = &sim->m;
+    const int bar = i - m->at[TS_BAR_MASS];
+    if (bar < 0 || bar >= m->count[TS_B] || !ts_is_joined(m, bar)) return 0;
+    return sim->io.values[i] == 0.0 && m->packed.start[i] == 0.0;
+}
+
 /* Look through the fields before this one. */
 static int check_fields(ts_sim *sim, int end, int32_t *index)
 {
@@ -82,8 +92,10 @@ static int check_fields(ts_sim *sim, int end, int32_t *index)
     for (int f = 0; f < end; f++) {
         int i = m->at[f];
         if (all_within(sim->io.values + i, m->at[f + 1] - i, bounds[f].low, bounds[f].high)) continue;
-        while (accept(sim, f, i) == TS_OK) i++;
+        while (i < m->at[f + 1] && (accept(sim, f, i) == TS_OK || is_massless(sim, i))) i++;
+        if (i == m->at[f + 1]) continue;
         *index = i;
+        accept(sim, f, i);
         return TS_BAD_INPUT;
     }
     return TS_OK;

@@ -11,6 +11,7 @@
 #include "interface/ready.h"
 #include "model/data.h"
 #include "motion/drives.h"
+#include "motion/joints.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "motion/pieces.h"
@@ -229,7 +230,7 @@ int ts_step_indicators(ts_sim *sim, double *z)
 }
 
 /* Largest deviation of a bar's length, or of what its rate soon makes of it, relative. */
-static double drift(const ts_sim *sim)
+static double drift(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     const double *y = sim->state.y;
@@ -241,6 +242,7 @@ static double drift(const ts_sim *sim)
         for (int i = b * D; i < (b + 1) * D; i++) square += y[i] * y[i], along += y[i] * y[m->nq + i];
         most = fmax(most, fmax(0.5 * fabs(square / (length * length) - 1.0), AHEAD * fabs(along) / (length * length)));
     }
+    if (m->joint.nodes) most = fmax(most, ts_joint_drift(sim, y, AHEAD));
     return most;
 }
 
@@ -293,7 +295,10 @@ static int settle(ts_sim *sim)
     const ts_model *m = &sim->m;
     int status = TS_OK;
     take_inputs(sim);
-    if (drift(sim) > ROUND_OFF_DRIFT) ts_project(m, sim->state.y);
+    if (drift(sim) > ROUND_OFF_DRIFT) {
+        ts_project(m, sim->state.y);
+        if (m->joint.nodes) ts_put_back(sim, 0.0, sim->state.y);
+    }
     sim->memory.completed = 0;
     if (memcmp(sim->io.values, sim->io.applied, sizeof(double) * (size_t)m->n_applied)) status = take_jump(sim);
     else if (!ts_leave_passed(sim, guard(m)))

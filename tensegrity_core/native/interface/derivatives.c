@@ -56,6 +56,7 @@ int32_t ts_unknown_count(const ts_sim *sim)
 
 size_t ts_derivatives_size(const ts_sim *sim)
 {
+    if (sim->m.joint.nodes) return sizeof(workspace);
     const ts_differentials d = largest(sim);
     return bytes_of(&d);
 }
@@ -151,6 +152,10 @@ static int look_at_start(ts_sim *sim)
 int ts_share_derivatives(ts_sim *sim, void *work, size_t size)
 {
     workspace *w = (workspace *)work;
+    if (sim->m.joint.nodes && work && size >= sizeof *w) {
+        w->ready = 0;
+        return TS_OK;
+    }
     const ts_differentials most = largest(sim);
     if (!work || size < bytes_of(&most)) return ts_say(sim, TS_BAD_STEP, "the memory is too small for derivatives");
     w->d = most;
@@ -169,6 +174,8 @@ int ts_differentiate(ts_sim *sim, int start, void *work)
     workspace *w = (workspace *)work;
     w->ready = 0;
     if (sim->m.count[TS_K]) return ts_say(sim, TS_BAD_STEP, "derivatives of what touches the ground are not known yet");
+    if (sim->m.joint.nodes)
+        return ts_say(sim, TS_BAD_STEP, "bars are joined, whose derivatives are not known in this form; take differences");
     if (w->d.start != (start != 0)) {
         w->d.start = start != 0;
         write_rows(&w->d, 0);

@@ -9,6 +9,7 @@
 #include "model/data.h"
 #include "model/packed.h"
 #include "motion/drives.h"
+#include "motion/joints.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
 #include "steps/auto.h"
@@ -149,6 +150,7 @@ int ts_initialize(ts_sim *sim, double time)
     ts_prepare(sim);
     move_to_centres(sim);
     ts_project(&sim->m, sim->state.y);
+    if (m->joint.nodes) ts_put_back(sim, 0.0, sim->state.y);
     ts_jump_bases(sim, NULL, NULL, 0.0);
     /* strings with memory come from slack; what that dissipated was before the start */
     memset(sim->state.piece, 0, sizeof(int32_t) * (size_t)m->count[TS_S]);

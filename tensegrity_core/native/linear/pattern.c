@@ -19,6 +19,8 @@ typedef struct {
     int32_t *heap, *where;  /* (n) rows by (key, number), and their places there */
     int32_t *key;           /* (n) degree as the heap knows it */
     int32_t *order;         /* (n) */
+    int32_t *waits;         /* (n) rows that must be eliminated before */
+    int32_t late;           /* rows from here on have to wait */
     int32_t *pool;
     size_t used, capacity; /* of the pool */
 } graph;
@@ -31,14 +33,14 @@ static void graph_free(graph *g)
 }
 
 /* Lists of the matrix's rows without the diagonal. */
-static int graph_make(graph *g, const ts_pattern *p)
+static int graph_make(graph *g, const ts_pattern *p, int32_t late)
 {
     size_t n = (size_t)p->n;
     memset(g, 0, sizeof *g);
     g->n = p->n;
     g->capacity = 2 * (size_t)p->count;
     g->at = (size_t *)malloc(n * sizeof *g->at);
-    g->length = (int32_t *)calloc(9 * n, sizeof *g->length);
+    g->length = (int32_t *)calloc(10 * n, sizeof *g->length);
     g->pool = (int32_t *)malloc(g->capacity * sizeof *g->pool);
     if (!g->at || !g->length || !g->pool) return 0;
     g->room = g->length + n;
@@ -49,11 +51,15 @@ static int graph_make(graph *g, const ts_pattern *p)
     g->where = g->heap + n;
     g->key = g->where + n;
     g->order = g->key + n;
+    g->waits = g->order + n;
+    g->late = late;
     for (int32_t i = 0; i < p->n; i++) {
         g->at[i] = g->used;
         for (int32_t e = p->row[i]; e < p->row[i + 1]; e++)
             if (p->column[e] != i) g->pool[g->used++] = p->column[e];
         g->length[i] = g->room[i] = g->degree[i] = g->key[i] = p->row[i + 1] - p->row[i] - 1;
+        for (int32_t e = p->row[i]; i >= late && e < p->row[i + 1]; e++) g->waits[i] += p->column[e] < late;
+        if (g->waits[i]) g->key[i] += p->n;
     }
     return 1;
 }
@@ -147,7 +153,7 @@ static int graph_connect(graph *g, int32_t p, int32_t *stamp)
 
 /* Eliminate row after row, always one of smallest degree, of these the first.  Each list is then what the row has in U.
  * Returns the number of blocks in L; -1 where memory runs out or the factor's blocks cannot be counted in 32 bits. */
-static int32_t graph_eliminate(graph *g)
+static int32_t graph_eliminate(graph *g, const ts_pattern *a)
 {
     int32_t total = 0, stamp = 0, size = g->n;
     for (int32_t i = 0; i < size; i++) {
@@ -166,9 +172,10 @@ static int32_t graph_eliminate(graph *g)
         if (total > (INT32_MAX - g->n) / 2 - g->length[p]) return -1;
         total += g->length[p];
         if (!graph_connect(g, p, &stamp)) return -1;
+        for (int32_t e = a->row[p]; p < g->late && e < a->row[p + 1]; e++) g->waits[a->column[e]] -= a->column[e] >= g->late;
         for (int32_t k = 0; k < g->length[p]; k++) {
             int32_t i = g->pool[g->at[p] + (size_t)k];
-            g->key[i] = --g->degree[i];
+            g->key[i] = --g->degree[i] + (g->waits[i] > 0 ? g->n : 0);
             heap_move(g, size, g->where[i]);
         }
     }
@@ -272,13 +279,13 @@ static void layout_fill(const layout *a, graph *g)
     a->fill_first[g->n] = used;
 }
 
-static int analyse(ts_pattern *p)
+static int analyse(ts_pattern *p, int32_t late)
 {
     graph g;
     layout a;
     int made = 0;
-    if (graph_make(&g, p)) {
-        int32_t lower = graph_eliminate(&g);
+    if (graph_make(&g, p, late)) {
+        int32_t lower = graph_eliminate(&g, p);
         p->entries = p->n + 2 * lower;
         if (lower >= 0 && layout_make(&a, p)) {
             layout_factor(&a, &g);
@@ -292,6 +299,11 @@ static int analyse(ts_pattern *p)
 
 int ts_pattern_make(ts_pattern *p, int32_t n, int32_t D, const int32_t *couples, size_t couple_count)
 {
+    return ts_pattern_make_saddle(p, n, n, D, couples, couple_count);
+}
+
+int ts_pattern_make_saddle(ts_pattern *p, int32_t n, int32_t late, int32_t D, const int32_t *couples, size_t couple_count)
+{
     memset(p, 0, sizeof *p);
     if (n < 1 || n >= INT32_MAX / 2 || (D != 2 && D != 3) || couple_count > (size_t)(INT32_MAX - n) / 2) return 0;
     for (size_t c = 0; c < 2 * couple_count; c++)
@@ -299,7 +311,7 @@ int ts_pattern_make(ts_pattern *p, int32_t n, int32_t D, const int32_t *couples,
     p->n = n;
     p->D = D;
     int32_t *rows = matrix_rows(p, couples, couple_count);
-    int made = rows && analyse(p);
+    int made = rows && analyse(p, late);
     free(rows);
     TS_ASSERT(!made || (p->entries >= p->count && p->row[n] == p->count));
     if (!made) memset(p, 0, sizeof *p);

@@ -27,6 +27,10 @@ typedef struct {
 /* Analyse the pattern of n rows in which rows couples[2c] and couples[2c+1], c < couple_count, are coupled; order and
  * repetition do not matter.  0 where an argument is out of range or memory runs out; the pattern is then empty. */
 int ts_pattern_make(ts_pattern *p, int32_t n, int32_t D, const int32_t *couples, size_t couple_count);
+
+/* The same of a saddle point: rows from `late` on, of constraints, are eliminated behind all earlier rows that they are coupled
+ * with, so that their pivots are not zero. */
+int ts_pattern_make_saddle(ts_pattern *p, int32_t n, int32_t late, int32_t D, const int32_t *couples, size_t couple_count);
 void ts_pattern_free(ts_pattern *p);
 
 /* Index of block (i, j) in the matrix; -1 where it has none. */

@@ -3,6 +3,7 @@
 #include "methods/method.h"
 #include "methods/stages.h"
 #include "model/data.h"
+#include "motion/joints.h"
 #include "motion/motion.h"
 
 #include <math.h>
@@ -34,6 +35,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     EXPLICIT_STAGE(5);
     add_stages(sim->state.y, A[6], 6, sim->attempt.k, stride, h, stride, sim->ahead.y);
     ts_project(&sim->m, sim->ahead.y);
+    if (sim->m.joint.nodes) ts_put_back(sim, tau + h, sim->ahead.y);
     ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
     memcpy(sim->attempt.k + 6 * stride, sim->ahead.f, sizeof(double) * (size_t)stride);
     return error_of(sim, h);

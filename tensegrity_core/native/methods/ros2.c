@@ -11,6 +11,7 @@
 #include "methods/systems.h"
 #include "model/data.h"
 #include "motion/jacobian.h"
+#include "motion/joints.h"
 #include "motion/motion.h"
 
 #include <math.h>
@@ -60,6 +61,7 @@ static double attempt(ts_sim *sim, double tau, double h)
     ts_stage_solve(sim, a, U);
     add_stages(sim->state.y, A[robust], 1, U, stride, 1.0, n, sim->attempt.y);
     ts_project(&sim->m, sim->attempt.y); /* else it would see strings longer by the square of the step */
+    if (sim->m.joint.nodes) ts_put_back(sim, tau + ALPHA * h, sim->attempt.y);
     ts_rhs(sim, tau + ALPHA * h, sim->attempt.y, sim->ahead.f);
     add_stages(sim->ahead.f, C[robust], 1, U, stride, 1.0 / h, n, U + stride);
     ts_stage_solve(sim, a, U + stride);

@@ -6,6 +6,7 @@
 #include "linear/blocks.h"
 #include "linear/complex_blocks.h"
 #include "linear/pairs.h"
+#include "methods/joined.h"
 #include "model/data.h"
 
 #include <string.h>
@@ -14,6 +15,7 @@
 int ts_stage_factorise(ts_sim *sim, double a)
 {
     sim->memory.stats[TS_FACTORISATIONS]++;
+    if (sim->m.joint.nodes) return ts_joined_factorise(sim, a);
     return ts_blocks_factorise(&sim->linear.pattern, a, sim->linear.Jq, sim->linear.Jv, sim->linear.factor);
 }
 
@@ -21,6 +23,10 @@ int ts_stage_factorise(ts_sim *sim, double a)
 void ts_stage_solve(ts_sim *sim, double a, double *U)
 {
     int nq = sim->m.nq;
+    if (sim->m.joint.nodes) {
+        ts_joined_solve(sim, a, U);
+        return;
+    }
     double *RESTRICT p = sim->linear.work, *RESTRICT u = U, *RESTRICT s = U + nq, *RESTRICT Jvp = sim->linear.work + nq;
     memcpy(p, u, sizeof(double) * (size_t)nq);
     ts_blocks_multiply(&sim->linear.pattern, sim->linear.Jv, p, Jvp);
@@ -33,12 +39,17 @@ void ts_stage_solve(ts_sim *sim, double a, double *U)
 int ts_pair_factorise(ts_sim *sim, int which, double a, double b)
 {
     sim->memory.stats[TS_FACTORISATIONS]++;
+    if (sim->m.joint.nodes) return ts_joined_pair_factorise(sim, which, a, b);
     return ts_complex_factorise(&sim->linear.pattern, a, b, sim->linear.Jq, sim->linear.Jv, sim->linear.pair_factor[which]);
 }
 
 void ts_pair_solve(ts_sim *sim, int which, double a, double b, double *Ur, double *Ui)
 {
     int nq = sim->m.nq;
+    if (sim->m.joint.nodes) {
+        ts_joined_pair_solve(sim, which, a, b, Ur, Ui);
+        return;
+    }
     double *RESTRICT pr = sim->linear.work, *RESTRICT pi = pr + nq, *RESTRICT Jr = pi + nq, *RESTRICT Ji = Jr + nq,
                      *RESTRICT u = Ji + nq;
     double *RESTRICT sr = Ur + nq, *RESTRICT si = Ui + nq;

@@ -219,6 +219,25 @@ typedef struct {
     int32_t ready;          /* the Jacobian at hand is that of the step's start */
 } ts_linear;
 
+/* Joined bars: motion/joints.c, methods/joined.c; n numbers of an array that stands for joined nodes and rows, w for the whole. */
+typedef struct {
+    ts_pattern pattern;        /* of the joined nodes' blocks and the rows of multipliers */
+    double *J, *zero, *factor; /* I - E on it, E of mass and constraints; zeros; factor of E */
+    double *whole;             /* I - E on the Jacobian's pattern */
+    double *Jq, *Jv;           /* the matrices of a stage there */
+    double *b, *force;         /* (n) a system's right-hand side and solution; (nodes, D) forces on the joined nodes, N */
+    double *scale;             /* (rows) of a multiplier, kg */
+    double *across;            /* (ties, 2, D) directions of the constraints */
+    double *lambda;            /* (ties, 2) multipliers: forces along the directions, N */
+    double *x;                 /* (N, 2, D) positions and velocities, where constraints are put right */
+    double *reaction, *half; /* (N, D) inertia less multipliers' forces, N; (N) half the masses of the joined bars there, kg */
+    double *a;               /* (N, D) accelerations, m/s2 */
+    double *null, *square;   /* (dropped, ties, 2) forces that hold each other; (dropped, dropped + 1) */
+    double *work;            /* (6, w) */
+    int32_t factored;        /* the factor is that of the constraints being put right */
+    int32_t failed;          /* the constraints lock, or contradict each other */
+} ts_joint_work;
+
 /* The present call: ts_integrate(). */
 typedef struct {
     double most;           /* s, largest step that the parameters allow */
@@ -258,8 +277,9 @@ typedef struct {
 typedef struct {
     void *blob;       /* the packed model */
     double *matrices; /* what `linear` points to */
+    double *joined;   /* what `joined` points to */
     void *arena;      /* everything else but the pattern and the laws */
-    size_t bytes;     /* of all three */
+    size_t bytes;     /* of all four */
 } ts_owned;
 
 /* Outputs on demand: interface/demand.c.  What `wanted` leaves out is computed when somebody asks, and so is the state at a
@@ -293,6 +313,7 @@ struct ts_sim {
     ts_step_ahead ahead;
     ts_attempt attempt;
     ts_linear linear;
+    ts_joint_work joined;
     ts_call call;
     ts_told told;
     ts_undo undo;

@@ -49,7 +49,10 @@ typedef struct {
     const double *ground;                  /* (2, D) where there are such nodes: a point of the ground, m; its unit normal */
     int32_t program_ints, program_doubles; /* sizes */
     int32_t routes, route_ints, shares, two_way_count;
-    int32_t method; /* TS_METHOD_... */
+    int32_t method;             /* TS_METHOD_... */
+    const int32_t *joint;       /* (joint_ints) see model/joints.c */
+    const double *joint_values; /* (joint_doubles) */
+    int32_t joint_ints, joint_doubles;
     uint64_t hash;
 } ts_packed;
 
@@ -122,6 +125,7 @@ typedef struct {
 typedef struct {
     int32_t *mover;     /* (N) moved node that carries this one: itself, or its bar is pinned there; -1: none */
     int32_t *mover_bar; /* (E) bar that is pinned there, -1: none */
+    int32_t *axes;      /* (E) a bit for each axis along which it is moved */
     int32_t *winder;    /* (S) actuator that winds the string, or -1 */
     int32_t any;        /* there is a point mass, drag, a moved node, an actuator, a routed string or a ground: drives.c, ... */
 } ts_drives;
@@ -131,6 +135,40 @@ typedef struct {
     int32_t *block;   /* (K) block of the direction in which it slips, -1: none, in a planar scene */
     int32_t directed; /* how many have one */
 } ts_contacts;
+
+enum { TS_TIE_NODES = 4 }; /* that one constraint concerns, at most */
+
+/* A constraint on nodes of joined bars, with e = sum of coef x: a bar's length or that of a weld's diagonal, |e| = length, or that
+ * a node of a flat body stays in its frame's line or plane, e = 0 across it. */
+typedef struct {
+    int32_t count, bar;         /* nodes; the bar, -1: another constraint */
+    int32_t node[TS_TIE_NODES]; /* a follower's: itself, then its frame */
+    int32_t spot[TS_TIE_NODES]; /* places among the joined nodes, -1: fixed */
+    int32_t row;                /* of the multipliers, -1: it follows from the others */
+    int32_t directions;         /* one, or of followers as many as are across */
+    int32_t follows;            /* 1: a follower's */
+    double coef[TS_TIE_NODES];  /* */
+    double length;              /* m; of a follower: of its frame's first edge */
+    int32_t place[2]
+                 [(TS_TIE_NODES + 1) * (TS_TIE_NODES + 1)]; /* first entries of the blocks for each pair of its nodes, its row
+                                                                  last: among the joined nodes' blocks, in the Jacobian */
+} ts_tie;
+
+/* Joined bars: nodes that belong to several bars, or are fixed along some axes only, have blocks of their own, which are their
+ * positions; constraints hold the bars' lengths: ts_lay_out_joints(). */
+typedef struct {
+    int32_t nodes, first;   /* joined nodes; the block of the first, the others behind it */
+    int32_t bars, count;    /* ties that are bars', which stand first; ties */
+    int32_t rows, dropped;  /* ties that have one; that have none */
+    int32_t *node;          /* (nodes) */
+    int32_t *held, *pushed; /* (nodes) a bit for each axis along which it is fixed, and of these is moved */
+    int32_t *mover;         /* (nodes) moved node, -1: none */
+    int32_t *spot;          /* (N) place among the joined nodes; -1: none */
+    int32_t *ground;        /* (N) place among the nodes that are fixed along some axis; -1: none */
+    int32_t *bears;         /* (N) 1: an end of a joined bar */
+    ts_tie *tie;            /* (count) */
+    int32_t *own[2];        /* (nodes) first entry of the diagonal block, in both matrices; (rows) behind them of the rows' */
+} ts_joints;
 
 typedef struct {
     /* sizes */
@@ -151,6 +189,7 @@ typedef struct {
     ts_nodes node;
     ts_lines string;
     ts_drives drive;
+    ts_joints joint;
     ts_contacts contact;
     double *y_start; /* (stride) the state at the start, m, m/s, J */
 } ts_model;

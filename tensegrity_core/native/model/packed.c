@@ -1,19 +1,21 @@
 /* Read a packed model, as written by to_bytes() in kernel/packing.py, and lay out the simulation's memory.
  *
  * Little-endian: 8 bytes of magic; int32: counts (TS_COUNTS), damping law, method, local z axis, sizes of the programs (int32,
- * doubles), routed strings, their size (int32), shares, strings that push; fixed (N), bars (B, 2), strings (S, 2), beams (S), law
+ * doubles), routed strings, their size (int32), shares, strings that push, size of the joints (int32, doubles); fixed (N), bars (B, 2), strings (S, 2), beams (S), law
  * of the beams (S), places of elements (S, 2) and dampers (S, 2) in the programs, nodes with a point mass (P), with drag (R), moved
  * nodes (E), strings with an actuator (A), bars with a section (C), strings with a strength (T), with mass (M), programs, routed
  * strings (of each itself, the number of its nodes, the nodes), shares in strings' masses (of each the number of its string among
- * the M, the node), strings that push, nodes that may touch the ground (K), where K is not 0 whether it may pull, one 0 where the number of int32 is odd; doubles: nodes
+ * the M, the node), strings that push, nodes that may touch the ground (K), where K is not 0 whether it may pull, joints
+ * (model/joints.c), one 0 where the number of int32 is odd; doubles: nodes
  * (N, D), velocities (N, D), programs, start values of all inputs and parameters, the shares, where K is not 0 the ground's point
- * (D) and unit normal (D); uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see
+ * (D) and unit normal (D), joints; uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see
  * kernel/packing.py. */
 #include "model/packed.h"
 #include "invariants.h"
 #include "linear/pairs.h"
 #include "linear/pattern.h"
 #include "model/data.h"
+#include "model/joints.h"
 #include "model/routes.h"
 
 #include <math.h>
@@ -22,7 +24,7 @@
 #include <string.h>
 
 #define MAGIC "TSMODEL2"
-#define HEADER_INTS (TS_COUNTS + 9)
+#define HEADER_INTS (TS_COUNTS + 11)
 
 uint64_t ts_fnv(const void *bytes, size_t size)
 {
@@ -83,7 +85,8 @@ static void take_model(ts_model *m, arena *a)
     const int L = m->string.count;
     TAKE(m->bar.block, B), TAKE(m->bar.centre, B), TAKE(m->bar.base, B), TAKE(m->bar.length, B);
     TAKE(m->bar.pinned, m->bar.pinned_count), TAKE(m->bar.floating, m->bar.floating_count);
-    TAKE(m->block.bar, blocks), TAKE(m->block.turns, blocks), TAKE(m->block.length, blocks), TAKE(m->block.own_place, blocks);
+    TAKE(m->block.bar, blocks), TAKE(m->block.turns, blocks + m->joint.rows), TAKE(m->block.length, blocks),
+        TAKE(m->block.own_place, blocks);
     TAKE(m->node.free_index, N), TAKE(m->node.block, N), TAKE(m->node.centre, N), TAKE(m->node.coef, N);
     TAKE(m->node.anchor, N * D), TAKE(m->node.lone, m->node.lone_count);
     TAKE(m->node.massed, m->count[TS_P] + m->packed.shares);
@@ -93,8 +96,13 @@ static void take_model(ts_model *m, arena *a)
     TAKE(m->string.route_blocks, ts_route_blocks(m)), TAKE(m->string.route_places, ts_route_places(m));
     TAKE(m->string.two_way, S), TAKE(m->string.beam_first, S), TAKE(m->string.curved, S);
     TAKE(m->string.with_curve, S), TAKE(m->string.with_damper, S);
-    TAKE(m->drive.mover, N), TAKE(m->drive.mover_bar, m->count[TS_E]), TAKE(m->drive.winder, S), TAKE(m->y_start, m->stride);
+    TAKE(m->drive.mover, N), TAKE(m->drive.mover_bar, m->count[TS_E]), TAKE(m->drive.axes, m->count[TS_E]),
+        TAKE(m->drive.winder, S), TAKE(m->y_start, m->stride);
     TAKE(m->contact.block, m->count[TS_K]);
+    ts_joints *j = &m->joint;
+    TAKE(j->node, j->nodes), TAKE(j->held, j->nodes), TAKE(j->pushed, j->nodes), TAKE(j->mover, j->nodes);
+    TAKE(j->spot, N), TAKE(j->ground, N), TAKE(j->bears, N), TAKE(j->tie, j->count);
+    TAKE(j->own[0], j->nodes + j->rows), TAKE(j->own[1], j->nodes + j->rows);
 }
 
 /* What the caller sees, and the state. */
@@ -177,12 +185,14 @@ static void take_all(ts_sim *sim, arena *a)
 /* Check counts and indices, so that a damaged file cannot lead outside the arrays.  A reason, or NULL. */
 static const char *check(const ts_model *m)
 {
+    const char *reason;
     int N = m->count[TS_N], B = m->count[TS_B], S = m->count[TS_S], fixed = 0, beams = 0, with = 0;
     for (int n = 0; n < N; n++) fixed += m->packed.fixed[n] != 0;
     for (int i = 0; i < 2 * B; i++)
         if (m->packed.bars[i] < 0 || m->packed.bars[i] >= N) return "a bar names an unknown node";
     for (int i = 0; i < 2 * S; i++)
         if (m->packed.strings[i] < 0 || m->packed.strings[i] >= N) return "a string names an unknown node";
+    if ((reason = ts_check_joints(m))) return reason;
     for (int i = 0; i < S; i++) {
         if (m->packed.beams[i] < 0 || m->packed.beams[i] > m->count[TS_Z]) return "a string has a wrong number of beams";
         if (m->packed.beam_law[i] < 0 || m->packed.beam_law[i] > 1) return "a string's beams have an unknown law";
@@ -204,7 +214,7 @@ static const char *check(const ts_model *m)
     for (int i = 0; i < m->count[TS_T]; i++)
         if (m->packed.rated[i] < 0 || m->packed.rated[i] >= S) return "a strength is of an unknown string";
     for (int i = 0; i < m->count[TS_E]; i++)
-        if (!m->packed.fixed[m->packed.moved[i]]) return "a moved node is not fixed";
+        if (!ts_may_move(m, i)) return "a moved node is not fixed";
     for (int i = 0; i < m->count[TS_A]; i++)
         if (m->packed.wound[i] < 0 || m->packed.wound[i] >= S) return "an actuator names an unknown string";
     for (int i = 0; i < m->count[TS_M]; i++)
@@ -214,7 +224,7 @@ static const char *check(const ts_model *m)
         if (m->packed.fixed[m->packed.touching[k]]) return "a node that touches the ground is fixed";
     }
     if (m->count[TS_W] > 1 || (m->count[TS_W] && !m->count[TS_K])) return "a moving ground has no contacts, or several heights";
-    if (fixed != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
+    if (fixed + ts_partly_fixed(m) != m->count[TS_G] || N - fixed != m->count[TS_F]) return "the fixed nodes do not add up";
     if (beams != m->count[TS_Z] || with != m->count[TS_H]) return "the beams do not add up";
     return ts_check_routes(m);
 }
@@ -225,20 +235,25 @@ static void list_bars(ts_model *m)
     int pinned = 0, floating = 0;
     for (int i = 0; i < m->count[TS_B]; i++) {
         int first = m->packed.bars[2 * i], second = m->packed.bars[2 * i + 1], base = m->bar.base[i];
+        if (m->bar.block[i] < 0) continue;
         if (base < 0) m->bar.floating[floating++] = MAKE(ts_place_of_bar){m->bar.centre[i], first, second, 0.5, 0.5};
         else m->bar.pinned[pinned++] = MAKE(ts_place_of_bar){m->bar.block[i], base, base == first ? second : first, 0.0, 1.0};
         m->block.length[m->bar.block[i]] = m->bar.length[i];
     }
 }
 
-/* Free nodes on no bar, each with a block of its own behind those of the bars; a reason why one cannot move, or NULL. */
+/* Free nodes on no bar that moves by itself, each with a block of its own behind those of the bars, joined ones last; a reason why
+ * one cannot move, or NULL. */
 static const char *lay_out_lone(ts_model *m, const double *nodes)
 {
     int D = m->count[TS_D], block = m->bar.pinned_count + 2 * m->bar.floating_count, found = 0;
     for (int i = 0; i < m->node.massed_count; i++)
         if (m->node.block[m->node.massed[i]] < 0 && !m->packed.fixed[m->node.massed[i]]) m->node.coef[m->node.massed[i]] = 1.0;
-    for (int n = 0; n < m->count[TS_N]; n++) {
-        if (m->packed.fixed[n] || m->node.block[n] >= 0) continue;
+    m->joint.first = block + m->node.lone_count - m->joint.nodes;
+    for (int i = 0; i < m->joint.nodes; i++) m->node.coef[m->joint.node[i]] = 1.0;
+    for (int i = 0; i < m->count[TS_N] + m->joint.nodes; i++) {
+        const int n = i < m->count[TS_N] ? i : m->joint.node[i - m->count[TS_N]];
+        if (m->packed.fixed[n] || m->node.block[n] >= 0 || (i == n && m->joint.spot[n] >= 0)) continue;
         if (m->node.coef[n] != 1.0) return "a free node has neither a bar nor a point mass";
         m->node.lone[found] = n;
         m->block.bar[block] = -1;
@@ -256,6 +271,7 @@ static const char *lay_out_bars(ts_model *m, const double *nodes)
     int D = m->count[TS_D], N = m->count[TS_N], block = 0;
     for (int n = 0, f = 0, g = 0; n < N; n++) {
         m->node.free_index[n] = m->packed.fixed[n] ? -1 - g++ : f++;
+        if (!m->packed.fixed[n] && m->joint.ground[n] >= 0) g++;
         m->node.block[n] = m->node.centre[n] = -1;
         m->node.coef[n] = 0.0;
         for (int d = 0; d < D; d++) m->node.anchor[n * D + d] = m->packed.fixed[n] ? nodes[n * D + d] : 0.0;
@@ -269,6 +285,8 @@ static const char *lay_out_bars(ts_model *m, const double *nodes)
         }
         m->bar.length[i] = sqrt(length);
         if (!(length > 0.0 && length < INFINITY)) return "a bar has no length";
+        m->bar.base[i] = m->bar.centre[i] = m->bar.block[i] = -1;
+        if (ts_is_joined(m, i)) continue;
         if (m->packed.fixed[first] && m->packed.fixed[second]) return "a bar has both ends fixed";
         if (m->node.block[first] >= 0 || m->node.block[second] >= 0) return "a node belongs to two bars";
         if (m->packed.fixed[first]) base = first;
@@ -303,8 +321,10 @@ static const char *lay_out_drives(ts_model *m)
     for (int n = 0; n < m->count[TS_N]; n++) m->drive.mover[n] = -1;
     for (int i = 0; i < m->count[TS_S]; i++) m->drive.winder[i] = -1;
     for (int e = 0; e < m->count[TS_E]; e++) {
-        m->drive.mover[m->packed.moved[e]] = e;
         m->drive.mover_bar[e] = -1;
+        m->drive.axes[e] = ts_moved_axes(m, e);
+        if (!m->packed.fixed[m->packed.moved[e]]) continue;
+        m->drive.mover[m->packed.moved[e]] = e;
         for (int i = 0; i < m->count[TS_B]; i++) {
             if (m->bar.base[i] != m->packed.moved[e]) continue;
             m->drive.mover_bar[e] = i;
@@ -318,7 +338,7 @@ static const char *lay_out_drives(ts_model *m)
     for (int r = 0; r < m->count[TS_R]; r++)
         if (m->packed.fixed[m->packed.dragged[r]]) return "a node with drag is fixed";
     m->drive.any = m->node.massed_count + m->count[TS_R] + m->count[TS_E] + m->count[TS_A] > 0;
-    m->drive.any |= m->string.route_count + m->count[TS_K] > 0;
+    m->drive.any |= m->string.route_count + m->count[TS_K] + m->joint.nodes > 0;
     return NULL;
 }
 
@@ -376,6 +396,7 @@ static void lay_out_velocity(ts_model *m, const double *velocity)
     int D = m->count[TS_D];
     for (int i = 0; i < m->count[TS_B]; i++)
         for (int d = 0; d < D; d++) {
+            if (m->bar.block[i] < 0) continue;
             double a = velocity[m->packed.bars[2 * i] * D + d], b = velocity[m->packed.bars[2 * i + 1] * D + d];
             int flipped = m->bar.base[i] == m->packed.bars[2 * i + 1];
             if (m->bar.centre[i] >= 0) m->y_start[m->nq + m->bar.centre[i] * D + d] = 0.5 * (a + b);
@@ -393,7 +414,7 @@ static size_t int_count(const ts_model *m)
     n += (size_t)count[TS_P] + (size_t)count[TS_R] + (size_t)count[TS_E] + (size_t)count[TS_A];
     n += (size_t)count[TS_C] + (size_t)count[TS_T] + (size_t)count[TS_M] + (size_t)m->packed.program_ints;
     n += (size_t)m->packed.route_ints + 2 * (size_t)m->packed.shares + (size_t)m->packed.two_way_count + (size_t)count[TS_K] +
-         (count[TS_K] > 0);
+         (count[TS_K] > 0) + (size_t)m->packed.joint_ints;
     return n + n % 2;
 }
 
@@ -418,8 +439,10 @@ static const char *read_header(ts_model *m, const char *bytes, size_t size)
     m->packed.route_ints = head[TS_COUNTS + 6];
     m->packed.shares = head[TS_COUNTS + 7];
     m->packed.two_way_count = head[TS_COUNTS + 8];
+    m->packed.joint_ints = head[TS_COUNTS + 9];
+    m->packed.joint_doubles = head[TS_COUNTS + 10];
     for (int i = TS_COUNTS + 5; i < HEADER_INTS; i++)
-        if (head[i] < 0 || head[i] > 1000000) return "a count of routed strings or shares is out of range";
+        if (head[i] < 0 || head[i] > 10000000) return "a count of routed strings, shares or joints is out of range";
     if (m->packed.program_ints < 0 || m->packed.program_ints > 10000000 || m->packed.program_doubles < 0 ||
         m->packed.program_doubles > 10000000)
         return "a program's size is out of range";
@@ -432,20 +455,20 @@ static const char *read_header(ts_model *m, const char *bytes, size_t size)
     m->n_inputs = m->at[TS_STIFFNESS];
     size_t doubles = 2 * (size_t)m->count[TS_N] * (size_t)m->count[TS_D] + (size_t)m->at[TS_POSITION];
     doubles += (size_t)m->packed.program_doubles + (size_t)m->packed.shares;
-    doubles += m->count[TS_K] ? 2 * (size_t)m->count[TS_D] : 0;
+    doubles += (m->count[TS_K] ? 2 * (size_t)m->count[TS_D] : 0) + (size_t)m->packed.joint_doubles;
     if (size != 8 + 4 * int_count(m) + 8 * doubles + 8) return "the length is wrong";
     return NULL;
 }
 
 static int round_up(int n) { return (n + TS_LANES - 1) / TS_LANES * TS_LANES; }
 
-/* Free nodes on no bar; -1: out of memory. */
+/* Free nodes on no bar that moves by itself; -1: out of memory. */
 static int count_lone(const ts_model *m)
 {
     int N = m->count[TS_N], count = 0;
     char *on_bar = (char *)calloc((size_t)N + 1, 1);
     if (!on_bar) return -1;
-    for (int i = 0; i < 2 * m->count[TS_B]; i++) on_bar[m->packed.bars[i]] = 1;
+    for (int i = 0; i < 2 * m->count[TS_B]; i++) on_bar[m->packed.bars[i]] |= !ts_is_joined(m, i / 2);
     for (int n = 0; n < N; n++) count += !m->packed.fixed[n] && !on_bar[n];
     free(on_bar);
     return count;
@@ -454,10 +477,12 @@ static int count_lone(const ts_model *m)
 static void count_blocks(ts_sim *sim)
 {
     ts_model *m = &sim->m;
+    ts_count_joints(m);
     m->bar.pinned_count = 0;
     for (int i = 0; i < m->count[TS_B]; i++)
-        m->bar.pinned_count += m->packed.fixed[m->packed.bars[2 * i]] || m->packed.fixed[m->packed.bars[2 * i + 1]];
-    m->bar.floating_count = m->count[TS_B] - m->bar.pinned_count;
+        m->bar.pinned_count +=
+            (m->packed.fixed[m->packed.bars[2 * i]] || m->packed.fixed[m->packed.bars[2 * i + 1]]) && !ts_is_joined(m, i);
+    m->bar.floating_count = m->count[TS_B] - m->joint.bars - m->bar.pinned_count;
     m->contact.directed = m->count[TS_D] == 3 ? m->count[TS_K] : 0;
     m->blocks = m->bar.pinned_count + 2 * m->bar.floating_count + m->node.lone_count + m->contact.directed +
                 m->count[TS_A]; /* of an actuator's only the first number is used */
@@ -484,7 +509,8 @@ static const char *lay_out_matrices(ts_sim *sim)
     ts_model *m = &sim->m;
     size_t D = (size_t)m->count[TS_D], count = 0;
     const size_t lines = (size_t)m->string.count, routed = ts_route_places(m) + ts_route_blocks(m);
-    const size_t most = 10 * lines + routed + (size_t)m->count[TS_R] + 3 * (size_t)m->count[TS_K] + 1;
+    const size_t most =
+        10 * lines + routed + (size_t)m->count[TS_R] + 3 * (size_t)m->count[TS_K] + ts_joint_couples(m, 0, 0, NULL) + 1;
     int32_t *couples = (int32_t *)malloc(2 * sizeof *couples * most);
     if (!couples) return "out of memory";
     for (int i = 0; i < m->string.count; i++)
@@ -512,7 +538,8 @@ static const char *lay_out_matrices(ts_sim *sim)
         couple(couples, &count, block, m->contact.block[k]);
         if (centre >= 0) couple(couples, &count, centre, m->contact.block[k]);
     }
-    int made = ts_pattern_make(&sim->linear.pattern, m->blocks, (int32_t)D, couples, count);
+    count += ts_joint_couples(m, m->joint.first, m->blocks, couples + 2 * count);
+    int made = ts_pattern_make_saddle(&sim->linear.pattern, m->blocks + m->joint.rows, m->blocks, (int32_t)D, couples, count);
     free(couples);
     if (!made) return "out of memory";
     size_t size = (size_t)sim->linear.pattern.count * D * D;
@@ -535,11 +562,12 @@ static const char *lay_out_matrices(ts_sim *sim)
         m->block.own_place[b] = ts_pattern_place(&sim->linear.pattern, b, b);
         TS_ASSERT(m->block.own_place[b] >= 0);
     }
-    return NULL;
+    return ts_lay_out_joint_matrices(sim);
 }
 
 void ts_model_free(ts_sim *sim)
 {
+    ts_joints_free(sim);
     ts_pattern_free(&sim->linear.pattern);
     free(sim->owned.matrices);
     free(sim->owned.arena);
@@ -570,12 +598,14 @@ static void find_parts(ts_model *m, const char *blob)
     p->sharing = p->route + p->route_ints;
     p->two_way = p->sharing + 2 * p->shares;
     p->touching = p->two_way + p->two_way_count;
+    p->joint = p->touching + m->count[TS_K] + (m->count[TS_K] > 0);
     p->node = (const double *)(const void *)(blob + 8 + 4 * int_count(m));
     p->velocity = p->node + N * m->count[TS_D];
     p->program_values = p->velocity + N * m->count[TS_D];
     p->start = p->program_values + p->program_doubles;
     p->share = p->start + m->n_applied;
     p->ground = p->share + p->shares;
+    p->joint_values = p->ground + (m->count[TS_K] ? 2 * m->count[TS_D] : 0);
 }
 
 /* All arrays but the pattern's and the laws'; 0: out of memory. */
@@ -609,6 +639,7 @@ static const char *read_model(ts_sim *sim, const void *bytes, size_t size)
     count_blocks(sim);
     if (!allocate(sim, size)) return "out of memory";
     ts_lay_out_masses(m, m->node.block);
+    if ((reason = ts_lay_out_joints(m))) return reason;
     if ((reason = lay_out_bars(m, m->packed.node)) || (reason = lay_out_drives(m))) return reason;
     lay_out_strings(m);
     lay_out_contacts(m);

@@ -15,6 +15,7 @@
 #include "linear/pattern.h"
 #include "model/data.h"
 #include "motion/contact.h"
+#include "motion/joints.h"
 #include "motion/kinematics.h"
 
 #include <math.h>
@@ -91,6 +92,7 @@ void ts_weigh(ts_sim *sim)
     }
     for (int i = 0; m->node.massed_count && i < m->string.count; i++) hang(m, i);
     for (int k = 0; k < m->contact.directed; k++) sim->inertia.inverse[m->contact.block[k]] = 1.0;
+    if (m->joint.nodes) ts_weigh_joints(sim);
 }
 
 /* --- moved nodes -------------------------------------------------------------------------------------------------------- */
@@ -111,6 +113,9 @@ static void polynomial(const ts_model *m, const double *values, const double *sl
         out[2 * D + d] = first_nonzero(bends[x], slopes[v], values[a]);
         out[3 * D + d] = first_nonzero(bends[v], slopes[a], 0.0);
         out[4 * D + d] = bends[a];
+        if (m->drive.axes[e] >> d & 1) continue;
+        out[d] = m->packed.node[m->packed.moved[e] * D + d]; /* what inputs say of other axes is nothing */
+        for (int k = 1; k < DERIVATIVES; k++) out[k * D + d] = 0.0;
     }
 }
 
@@ -120,6 +125,12 @@ static double derivative(const double *p, int D, int d, int order, double tau)
     double sum = 0.0;
     for (int k = DERIVATIVES - 1; k >= order; k--) sum = sum * tau / (k + 1 - order) + p[k * D + d];
     return sum;
+}
+
+/* Third derivative of its position. */
+double ts_base_jerk(const ts_bases *bases, int D, double tau, int e, int d)
+{
+    return derivative(bases->start + DERIVATIVES * e * D, D, d, 3, tau);
 }
 
 /* Position and velocity of a moved node at tau from the step's start (D). */
@@ -153,8 +164,12 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D];
+    double *all = m->joint.nodes ? sim->joined.work : NULL; /* velocities before */
     for (int e = 0; e < m->count[TS_E]; e++) {
         double before[3 * DERIVATIVES], jump[3], along = 0.0;
+        if (all && values) polynomial(m, values, slopes, e, before);
+        for (int d = 0; d < D && all; d++)
+            all[e * D + d] = values ? derivative(before, D, d, 1, tau) : m->packed.velocity[m->packed.moved[e] * D + d];
         if (m->drive.mover_bar[e] < 0) continue;
         int block = m->bar.block[m->drive.mover_bar[e]];
         const double *c = sim->state.y + block * D, *now = sim->bases.start + (DERIVATIVES * e + 1) * D;
@@ -165,6 +180,7 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
         double kappa = sim->inertia.laden[block] * sim->inertia.inverse[block];
         for (int d = 0; d < D; d++) sim->state.y[m->nq + block * D + d] -= kappa * (jump[d] - along * c[d]);
     }
+    if (all) ts_jump_joints(sim, all);
 }
 
 /* Do moved nodes or the ground move on under the inputs of the last step, while the inputs say where they are at its start? */
@@ -191,6 +207,7 @@ static double pull_of_mover(const ts_sim *sim, double tau, const double *a, int 
 {
     const ts_model *m = &sim->m;
     int D = m->count[TS_D], node = m->packed.moved[e], bar = m->drive.mover_bar[e];
+    if (m->joint.nodes && (m->joint.spot[node] >= 0 || m->joint.bears[node])) return ts_pull_on_joint(sim, e, d);
     double at_base = sim->bases.now[(3 * e + 2) * D + d] - sim->inertia.gravity[d]; /* what a mass there needs */
     double force = sim->inertia.extra[node] * at_base - sim->strings.node_force[node * D + d];
     if (bar < 0) return force;

@@ -12,6 +12,7 @@
 #include "model/data.h"
 #include "motion/contact.h"
 #include "motion/drives.h"
+#include "motion/joints.h"
 #include "motion/kinematics.h"
 #include "motion/motion.h"
 
@@ -299,6 +300,7 @@ ALWAYS_INLINE void jacobian(ts_sim *sim, double tau, const double *y, const int 
     add_strings(sim, tau, exact, D);
     if (m->drive.any) ts_drive_jacobian(sim, tau);
     if (m->count[TS_K]) ts_contact_jacobian(sim, tau, exact);
+    if (m->joint.nodes) ts_joint_jacobian(sim, tau, y, exact);
     for (int b = 0; b < m->blocks; b++)
         if (m->block.turns[b]) turn_rows(sim, q + b * D, v + b * D, sim->linear.work + b * D, b, exact, D);
     if (!exact) turn_columns(m, &sim->linear, q, D);

@@ -21,6 +21,7 @@
 #include "model/data.h"
 #include "motion/contact.h"
 #include "motion/drives.h"
+#include "motion/joints.h"
 #include "motion/kinematics.h"
 #include "motion/pieces.h"
 
@@ -456,6 +457,7 @@ ALWAYS_INLINE void rhs(ts_sim *sim, double tau, const double *y, double *dy, con
         int b = m->node.block[m->node.lone[i]];
         for (int d = 0; d < D; d++) a[b * D + d] *= sim->inertia.inverse[b];
     }
+    if (m->joint.nodes) ts_join(sim, tau, y, a);
     ts_motors(sim, tau, v, a);
     for (int i = m->nq - m->count[TS_A] * D; i < m->nq; i++) a[i] *= sim->inertia.inverse[i / D];
     ts_drive_rates(sim, tau, v, a, dy + 2 * nq);

@@ -6,6 +6,7 @@
 #include "model/data.h"
 #include "motion/contact.h"
 #include "motion/drives.h"
+#include "motion/joints.h"
 #include "motion/kinematics.h"
 #include "motion/motion.h"
 
@@ -48,6 +49,7 @@ static double potential(const ts_sim *sim)
         for (int i = 0; i < m->node.massed_count; i++)
             if (m->packed.fixed[m->node.massed[i]])
                 sum += sim->inertia.extra[m->node.massed[i]] * fixed_at(m, &sim->bases, m->node.massed[i])[d];
+        if (m->joint.nodes) sum += ts_joint_weight(sim, d);
         energy -= sim->inertia.gravity[d] * sum;
     }
     return energy;
@@ -90,6 +92,7 @@ static double carried_energy(const ts_sim *sim)
     double sum = 0.0;
     for (int e = 0; e < m->count[TS_E]; e++) {
         const double *v = sim->bases.now + (3 * e + 1) * D;
+        if (!m->packed.fixed[m->packed.moved[e]]) continue;
         double mass = sim->inertia.extra[m->packed.moved[e]], along = 0.0, square = 0.0;
         int bar = m->drive.mover_bar[e];
         for (int d = 0; d < D; d++) square += v[d] * v[d];
@@ -111,9 +114,10 @@ ALWAYS_INLINE double kinetic(const ts_sim *sim, const int D)
     const double *v = sim->state.y + m->nq;
     double sum = 0.0;
     const int motors = m->blocks - m->count[TS_A];
-    for (int b = 0; b < motors - m->contact.directed; b++)
+    for (int b = 0; b < m->joint.first; b++)
         sum += dot(v + b * D, v + b * D, D) / sim->inertia.inverse[b]; /* 1/inv: inertia of the block */
     for (int b = motors; b < m->blocks; b++) sum += dot(v + b * D, v + b * D, D) / sim->inertia.inverse[b];
+    if (m->joint.nodes) sum += 2.0 * ts_joint_energy(sim, v);
     return 0.5 * sum + (m->count[TS_E] ? carried_energy(sim) : 0.0);
 }
 
@@ -207,6 +211,7 @@ ALWAYS_INLINE void bars(ts_sim *sim, const int D)
     for (int i = 0; i < m->count[TS_B]; i++) {
         int first = m->packed.bars[2 * i], second = m->packed.bars[2 * i + 1], base = m->bar.base[i],
             moves = base >= 0 && m->drive.mover[base] >= 0;
+        if (m->bar.block[i] < 0) continue;
         double axial = 0.0, speed = 0.0, *f1 = sim->strings.node_force + first * D, *f2 = sim->strings.node_force + second * D;
         const double *v = sim->start.f + m->bar.block[i] * D, *a = v + m->nq;
         const double *a_base = moves ? sim->bases.now + (3 * m->drive.mover[base] + 2) * D : at_rest;
@@ -253,6 +258,7 @@ ALWAYS_INLINE void mechanics(ts_sim *sim, double tau, const int D)
     loads(sim, tau, D);
     reactions(&sim->m, sim->strings.node_force, sim->io.values, D);
     bars(sim, D);
+    if (sim->m.joint.nodes) ts_joint_outputs(sim);
 }
 
 ALWAYS_INLINE void motions(ts_sim *sim, const int D) { nodes(&sim->m, sim->strings.x, sim->io.values, D); }

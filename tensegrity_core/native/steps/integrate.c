@@ -5,6 +5,7 @@
 #include "linear/power.h"
 #include "methods/method.h"
 #include "model/data.h"
+#include "motion/joints.h"
 #include "motion/kinematics.h"
 #include "motion/motion.h"
 #include "motion/outputs.h"
@@ -41,7 +42,12 @@ static int fail(ts_sim *sim, int status)
 #include "errors.def"
 #undef TS_ERROR
     };
-    strncpy(sim->told.message, texts[status], sizeof sim->told.message - 1);
+    const char *text = texts[status];
+    if (sim->m.joint.nodes && ts_joints_lock(sim))
+        text =
+            "the constraints of the bars lock, as of a chain that is pulled straight, or cannot all hold any longer; load or move "
+            "the structure less far, or leave a bar or a fixed axis out";
+    strncpy(sim->told.message, text, sizeof sim->told.message - 1);
     return status;
 }
 
@@ -104,6 +110,7 @@ static void motion_at(ts_sim *sim, const ts_span *span, double theta)
     make_dense(sim, method, span->start, span->h);
     method->interpolate(&sim->ahead, theta, 0, n, sim->state.y);
     ts_project(&sim->m, sim->state.y);
+    if (sim->m.joint.nodes) ts_put_back(sim, span->start + theta * span->h, sim->state.y);
 }
 
 /* The ledger there, after the motion. */
@@ -160,6 +167,7 @@ static int open_span(ts_sim *sim, const ts_method *method, double tau, double h,
     ts_span *span = &sim->memory.span;
     if (!(method->flags & TS_ENDS_IN_STAGES)) {
         ts_project(&sim->m, sim->ahead.y);
+        if (sim->m.joint.nodes) ts_put_back(sim, tau + h, sim->ahead.y);
         ts_rhs(sim, tau + h, sim->ahead.y, sim->ahead.f);
     }
     sim->call.evaluation = sim->strings.evaluations;

@@ -1,0 +1,162 @@
+"""The kernel's joints against the reference, closed forms and recorded structures.
+
+Run as `python -m tests.kernel.test_joined_bars COUNT` it compares COUNT random structures.
+"""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tensegrity_core import kernel, reference, statics
+from tensegrity_core.errors import SimulationError
+from tensegrity_core.fields import outputs
+from tensegrity_core.kernel import simulate
+from tensegrity_core.kernel.unpacking import from_bytes
+from tensegrity_core.model import grid, held
+from tensegrity_core.scene import load_scene
+from tests.support import by_hand
+from tests.support.jointed_scenes import random_forces, random_joints
+
+STRUCTURES = Path(__file__).parents[1] / "structures"
+TRAJECTORIES = ("motes_double_pendulum", "stedy_dbar", "stedy_ball", "tsg_jansen_leg", "tsg_dbar3d")
+
+
+def framed(nodes, fixed, bars, **fields):
+    return by_hand(nodes, fixed, bars, [], stiffness=[], rest_length=[], **{"gravity": 9.81} | fields)
+
+
+def double_pendulum(**fields):
+    return framed([[0, 0, 0], [1, 0, 0], [1.5, 0, -0.7]], [0], [(0, 1), (1, 2)], axes=(0, 2), bar_mass=[1.0, 2.0], **fields)
+
+
+def chain(bars, planar=False):
+    """Hangs slantwise from a fixed node, at rest."""
+    along = np.arange(bars + 1)[:, None] / bars * np.array([1.0, 0.0 if planar else 0.5, -1.0])
+    return framed(
+        along, [0], [(i, i + 1) for i in range(bars)], axes=(0, 2) if planar else (0, 1, 2), bar_mass=np.full(bars, 1.0 / bars)
+    )
+
+
+def errors(result, expected):
+    """By the names of the outputs: largest difference over 1 + the largest value.  How much energy went to and fro is counted
+    by steps, and left out."""
+    names = [field.name for field in outputs() if field.name != "throughput" and np.size(getattr(expected, field.name))]
+    pairs = {name: (np.asarray(getattr(result, name)), np.asarray(getattr(expected, name))) for name in names}
+    return {name: np.abs(one - other).max() / (1.0 + np.abs(other).max()) for name, (one, other) in pairs.items()}
+
+
+def off_lengths(model, result):
+    """The largest relative deviation of a bar's length."""
+    ends = result.position[:, model.bars]
+    return np.abs(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2) / model.bar_length - 1.0).max(initial=0.0)
+
+
+def ledger(result):
+    total = result.kinetic + result.potential + result.elastic + result.dissipated - result.input_work
+    return np.abs(total - total[0]).max() / max(1.0, result.throughput.max())
+
+
+@pytest.mark.parametrize("method", ["dop853", "dopri5", "rodas5p", "radau9", "auto"])
+def test_double_pendulum(method):
+    """Over 2 s every output is the reference's."""
+    model = double_pendulum()
+    inputs = held(model, grid(2.0, 0.05))
+    result = simulate(model, inputs, method)
+    assert max(errors(result, reference.simulate(model, inputs)).values()) < 1e-8
+    assert off_lengths(model, result) < 1e-14 and ledger(result) < 1e-8
+
+
+def test_small_oscillations_of_the_double_pendulum():
+    """Frequencies from det(K - w^2 M) = 0, of the thin rods of the theory's section 8, as eigenvalues of the kernel's Jacobian."""
+    length, mass = 0.8, 1.5
+    model = framed([[0, 0, 0], [0, 0, -length], [0, 0, -2 * length]], [0], [(0, 1), (1, 2)], axes=(0, 2), bar_mass=mass)
+    M = mass * length**2 * np.array([[4 / 3, 1 / 2], [1 / 2, 1 / 3]])
+    K = mass * 9.81 * length * np.diag([1.5, 0.5])
+    sim = kernel.Kernel(model)
+    sim.initialize()
+    Jq = sim.jacobian(sim.state)[0]
+    found = np.sort(np.linalg.eigvals(-Jq).real)
+    np.testing.assert_allclose(found[-2:], np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real), rtol=1e-12)
+    np.testing.assert_allclose(found[:-2], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_structures(seed):
+    compare(seed, ("dop853", "radau9")[seed % 2])
+
+
+def compare(seed, method):
+    model = random_joints(seed)
+    inputs = random_forces(model, seed)
+    result = simulate(model, inputs, method)
+    found = errors(result, reference.simulate(model, inputs))
+    assert found["position"] < 1e-7 and max(found.values()) < 1e-5, (seed, found)
+    assert off_lengths(model, result) < 1e-13, seed
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_packed_joints_come_back(seed):
+    model = random_joints(seed)
+    packed = kernel.to_bytes(model)
+    found = from_bytes(packed, model.node_names, model.bar_names, model.string_names, model.axes)
+    assert kernel.to_bytes(found) == packed
+    assert (found.partly_fixed, found.moving_axes, found.welds) == (model.partly_fixed, model.moving_axes, model.welds)
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_published_structures(name):
+    """Released under gravity they move as the reference says."""
+    model = dataclasses.replace(statics.build_model(load_scene(STRUCTURES / f"{name}.toml")), gravity=9.81)
+    inputs = held(model, grid(0.5, 0.05))
+    result = simulate(model, inputs)
+    assert errors(result, reference.simulate(model, inputs))["position"] < 1e-7
+    assert off_lengths(model, result) < 1e-13 and ledger(result) < 1e-8
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5p"])
+def test_lengths_stay(method):
+    """A chain that swings: to round-off at every point, whatever the tolerance."""
+    model = chain(6)
+    result = simulate(model, held(model, grid(10.0, 0.1)), method, tolerance=1e-6)
+    assert off_lengths(model, result) < 1e-13
+
+
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("ros2", 2)])
+def test_order(method, order):
+    model = double_pendulum()
+    inputs = held(model, grid(0.5, 0.1))
+    exact = simulate(model, inputs, "dop853", tolerance=1e-13).position
+    found = [np.abs(simulate(model, inputs, method, max_step=0.1 / n).position - exact).max() for n in (32, 64)]
+    assert abs(np.log2(found[0] / found[1]) - order) < 0.25
+
+
+def test_work_grows_with_the_chain():
+    """The factor of a chain has as many blocks per bar, however long it is: memory shows it."""
+    size = {bars: kernel.Kernel(chain(bars)).memory_size for bars in (100, 400, 1600)}
+    assert size[1600] / size[400] < 4.1 and size[400] / size[100] < 4.1
+
+
+def test_chain_pulled_straight():
+    """An end of two bars is moved away until they are straight: there the motion has no next step, the kernel says so, and its
+    last good state stays."""
+    nodes = [[0, 0, 0], [0.95, 0, -np.sqrt(1 - 0.95**2)], [1.9, 0, 0]]
+    model = framed(nodes, [0, 2], [(0, 1), (1, 2)], axes=(0, 2), moving=(2,))
+    sim = kernel.Kernel(model)
+    sim["node_velocity"][:] = 0.2, 0.0
+    sim.initialize()
+    with pytest.raises(SimulationError, match="constraints of the bars lock"):
+        for _ in range(100):
+            sim.take_inputs()
+            sim["node_position"][:] = 1.9 + 0.2 * sim.time, 0.0
+            sim.step(0.01)
+    assert 0.45 < sim.time < 0.51 and np.isfinite(sim.state).all()
+    assert np.abs(np.linalg.norm(sim["position"].reshape(-1, 2)[1]) - 1.0) < 1e-12
+
+
+if __name__ == "__main__":
+    for number in range(int(sys.argv[1])):
+        compare(number, ("dop853", "radau9")[number % 2])
+    print(f"{sys.argv[1]} random structures agree")
