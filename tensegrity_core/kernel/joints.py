@@ -61,8 +61,7 @@ def unpacked_joints(ints: list[int], moving: list[int], axes: tuple[int, ...]) -
     held = [(node, _axes(mask, axes)) for node, mask in zip(*(iter(ints[7 + bars : 7 + bars + 2 * nodes]),) * 2)]
     masks = ints[len(ints) - weld_ints - moved : len(ints) - weld_ints]
     numbers, welds = iter(ints[len(ints) - weld_ints :]), []
-    for count in numbers:
-        welds.append(tuple(islice(numbers, count)))
+    welds += [tuple(islice(numbers, count)) for count in numbers]
     single = tuple((node, _axes(mask, axes)) for node, mask in zip(moving, masks) if len(_axes(mask, axes)) < len(axes))
     return Unpacked(tuple((node, along) for node, along in held if along), single, tuple(welds))
 
