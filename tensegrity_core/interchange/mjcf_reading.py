@@ -68,7 +68,7 @@ def _quiet(mujoco: Any) -> Iterator[None]:
 
 class _Reading:
     """A scene as it grows.  unit: metres per length of 1; owner: node -> bodies (as MuJoCo counts them) that carry it; sited:
-    nodes that are sites, whose names they have."""
+    nodes that are sites, whose names they have; held: node -> axes along which it does not move."""
 
     def __init__(self, path: Path, unit: float, mujoco: Any, model: Any, data: Any):
         self.path, self.unit, self.mj, self.model, self.data = path, unit, mujoco, model, data
@@ -76,6 +76,7 @@ class _Reading:
         self.names: list[str] = []
         self.owner: list[set[int]] = []
         self.sited: set[int] = set()
+        self.held: dict[int, list[int]] = {}
         self.notes: list[str] = []
         self.grain = SAME * max(float(np.ptp(data.xpos, axis=0).max()), float(model.stat.extent), 1e-6)
         self.root = [int(weld) for weld in model.body_weldid]
@@ -117,6 +118,7 @@ class _Reading:
         tables["gravity"] = gravity
         tables |= {"plane": "".join(letters)} if len(axes) == 2 else {}
         tables["fixed"] = [called[n] for n in used if 0 in self.owner[n]]
+        tables["fixed"] += [f"{called[n]}.{'xyz'[axis]}" for n, held in sorted(self.held.items()) for axis in held]
         tables["nodes"] = {called[n]: (self.unit * self.points[n])[axes].tolist() for n in used}
         tables["bars"] = {
             name: {"nodes": [called[a], called[b]], "mass": mass} for name, (_, a, b, mass) in zip(bar_names, self.bars)
@@ -156,6 +158,7 @@ class _Reading:
         self.points[other] = np.full(3, np.nan)  # nowhere
         if other in self.sited:
             self.names[one] = self.names[other]
+            self.sited.add(one)
         self.bars = [(bar, *(one if end == other else end for end in ends), mass) for bar, *ends, mass in self.bars]
         if other in self.mass:
             self.mass[one] = self.mass.get(one, 0.0) + self.mass.pop(other)
@@ -187,7 +190,7 @@ class _Reading:
         model = self.model
         parts = [i for i in range(1, model.nbody) if self.root[i] == body]
         shapes = [g for g in range(model.ngeom) if model.geom_bodyid[g] in parts and self._is_long(g)]
-        self._joints_of(body)
+        self._joints_of(body, bool(shapes))
         if not shapes:
             self._point(body, parts)
             return
@@ -207,23 +210,42 @@ class _Reading:
     def _is_long(self, g: int) -> bool:
         return self.model.geom_type[g] in (self.number("mjtGeom", "mjGEOM_CAPSULE"), self.number("mjtGeom", "mjGEOM_CYLINDER"))
 
-    def _joints_of(self, body: int) -> None:
-        """Ball joints and hinges make nodes that the body shares with its parent; a body that floats has none."""
+    def _joints_of(self, body: int, bars: bool) -> None:
+        """Ball joints and hinges make nodes that the body shares with its parent, or that slide along some axes; a body that
+        floats has none."""
         model = self.model
         own = (
             range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]) if model.body_jntnum[body] else ()
         )
         types = [model.jnt_type[j] for j in own]
-        floats = self.number("mjtJoint", "mjJNT_FREE") in types or types.count(self.number("mjtJoint", "mjJNT_SLIDE")) == (
-            2 if self.normal >= 0 else 3
-        )
-        if floats:
+        rails = [j for j, kind in zip(own, types) if kind == self.number("mjtJoint", "mjJNT_SLIDE")]
+        turning = [j for j, kind in zip(own, types) if kind in (self.number("mjtJoint", "mjJNT_BALL"), self._hinge())]
+        space = 2 if self.normal >= 0 else 3
+        if self.number("mjtJoint", "mjJNT_FREE") in types or len(rails) == space:
             return
-        if len(types) != 1 or types[0] not in (self.number("mjtJoint", "mjJNT_BALL"), self.number("mjtJoint", "mjJNT_HINGE")):
+        parent = self.root[model.body_parentid[body]]
+        if len(turning) > 1 or (rails and parent) or not (turning or (rails and not bars)):
             what = f"the body {self.name('body', body)} neither floats nor turns about one point"
             raise self.error(what, "give it a free joint, a ball joint, or slides along all axes")
-        parent = self.root[model.body_parentid[body]]
-        self._join(self.data.xanchor[own[0]], parent, body, f"{self.name('body', body)}_joint")
+        if not rails:
+            self._join(self.data.xanchor[turning[0]], parent, body, f"{self.name('body', body)}_joint")
+            return
+        name = f"{self.name('body', body)}_rail"
+        node = self._node(self.data.xanchor[turning[0]] if turning else self.data.xpos[body], name, body)
+        self.held[node] = self._held(rails)
+
+    def _hinge(self) -> int:
+        return self.number("mjtJoint", "mjJNT_HINGE")
+
+    def _held(self, rails: list[int]) -> list[int]:
+        """Axes along which slides do not lead."""
+        led = set()
+        for j in rails:
+            axis = np.abs(self.data.xaxis[j])
+            if axis.max() < 1.0 - 1e-9:
+                raise self.error(f"the slide {self.name('joint', j)} is along no axis", "let it slide along x, y or z")
+            led.add(int(np.argmax(axis)))
+        return [axis for axis in range(3) if axis not in (*led, self.normal)]
 
     def _inertia(self, parts: list[int]) -> tuple[float, np.ndarray, np.ndarray]:
         """Mass, centre, and inertia about it, of bodies that are one."""

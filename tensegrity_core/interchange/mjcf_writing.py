@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -33,12 +33,14 @@ STEP = 1e-3  # s
 
 @dataclass(eq=False)
 class Body:
-    """bars; nodes: that it carries; at: node of its joint, -1: it floats; parent: None: the world."""
+    """bars; nodes: that it carries; at: node of its joint, -1: it floats; slides: axes along which that moves; parent: None:
+    the world."""
 
     name: str
     bars: tuple[int, ...]
     nodes: list[int] = field(default_factory=list)
     at: int = -1
+    slides: tuple[int, ...] = ()
     parent: Body | None = None
     deep: int = 1
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -55,10 +57,13 @@ def write(path: Path, scene: Scene, model: Model) -> list[str]:
 
 def document(model: Model, step: float = STEP, integrator: str = "implicit") -> tuple[ElementTree.Element, list[str]]:
     """MJCF, and notes.  step: s.  Raises InputError for what it cannot say."""
-    found = [f"{model.node_names[node]}, which is fixed along some axes only" for node, _ in model.partly_fixed]
+    model = _in_its_plane(model)
+    bodies, closing, sliding = _bodies(model)
+    found = [
+        f"{model.node_names[node]}, which is fixed along some axes only, on a body that is held elsewhere" for node in sliding
+    ]
     found += [f"the drag of {', '.join(model.node_names[node] for node, _ in model.drag)}"] if model.drag else []
     require_springs(model, "MJCF", *found)
-    bodies, closing = _bodies(model)
     root = ElementTree.Element("mujoco", model=model.name)
     ElementTree.SubElement(root, "compiler", autolimits="true", inertiafromgeom="false")
     option = ElementTree.SubElement(root, "option", integrator=integrator, timestep=repr(step), gravity=_words(model.g))
@@ -83,6 +88,16 @@ def document(model: Model, step: float = STEP, integrator: str = "implicit") -> 
     return root, _notes(model, closing)
 
 
+def _in_its_plane(model: Model) -> Model:
+    """The model as a planar one where all nodes are fixed along an axis."""
+    axes = tuple(axis for axis in model.axes if not model.held[:, axis].all())
+    if len(model.axes) == 2 or len(axes) != 2:
+        return model
+    held = model.held[:, axes]
+    single = ((node, tuple(a for a, one in zip(axes, row) if one)) for node, row in enumerate(held.tolist()) if sum(row) == 1)
+    return replace(model, axes=axes, fixed=held.all(axis=1), partly_fixed=tuple(single), moving=(), moving_axes=())
+
+
 def _words(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
@@ -90,9 +105,9 @@ def _words(values: Iterable[float]) -> str:
 # --- bodies ----------------------------------------------------------------------------------------------------------
 
 
-def _bodies(model: Model) -> tuple[list[Body], list[tuple[Body, Body | None, int]]]:
-    """Rigid bodies, each behind its parent, depth first; and where two of them, or one and the world, have to be joined, too:
-    (body, other, node)."""
+def _bodies(model: Model) -> tuple[list[Body], list[tuple[Body, Body | None, int]], list[int]]:
+    """Rigid bodies, each behind its parent, depth first; where two of them, or one and the world, have to be joined, too:
+    (body, other, node); and nodes fixed along some axes that no joint of theirs holds."""
     welded = {bar: body.bars for body in model.bodies for bar in body.bars}
     units = list(dict.fromkeys(welded.get(bar, (bar,)) for bar in range(len(model.bars))))
     at: dict[int, list[int]] = {}
@@ -103,7 +118,8 @@ def _bodies(model: Model) -> tuple[list[Body], list[tuple[Body, Body | None, int
     placed: dict[int, Body] = {}
     owner: dict[int, Body] = {}
     pinned = [i for i, bars in enumerate(units) if model.fixed[model.bars[list(bars)]].any()]
-    for first in dict.fromkeys((*pinned, *range(len(units)))):
+    on_rails = [i for i, bars in enumerate(units) if any(_partly(model, n) for n in model.bars[list(bars)].ravel().tolist())]
+    for first in dict.fromkeys((*pinned, *on_rails, *range(len(units)))):
         waiting = deque([(first, -1, None)])
         while waiting:
             i, node, parent = waiting.popleft()
@@ -117,7 +133,12 @@ def _bodies(model: Model) -> tuple[list[Body], list[tuple[Body, Body | None, int
     while left:
         ordered.append(left.pop())
         left += reversed(children.get(id(ordered[-1]), []))
-    return ordered, closing
+    held = {body.at for body in ordered if body.slides} | {*model.lone_nodes.tolist()}
+    return ordered, closing, [node for node, _ in model.partly_fixed if node not in held]
+
+
+def _partly(model: Model, node: int) -> bool:
+    return any(node == one for one, _ in model.partly_fixed)
 
 
 def _take(model: Model, bars: tuple[int, ...], node: int, parent: Body | None, known: tuple, i: int) -> None:
@@ -131,8 +152,13 @@ def _take(model: Model, bars: tuple[int, ...], node: int, parent: Body | None, k
         raise InputError(
             f"{model.name}: MJCF cannot say more than {MOST_DEEP} bars in a chain, as to {body.name}; export a shorter one"
         )
+    rails = [one for one in nodes if _partly(model, one)]
     if node < 0 and fixed:
         body.at = fixed[0]
+    elif node < 0 and rails:
+        body.at, body.slides = rails[0], _free_axes(model, rails[0])
+    elif node < 0:
+        body.slides = model.axes
     for one in nodes:
         if one == body.at and parent:
             continue
@@ -144,6 +170,10 @@ def _take(model: Model, bars: tuple[int, ...], node: int, parent: Body | None, k
             owner[one] = body
             body.nodes.append(one)
     placed[i] = body
+
+
+def _free_axes(model: Model, node: int) -> tuple[int, ...]:
+    return tuple(axis for axis in model.axes if not model.held[node, axis])
 
 
 def _masses(model: Model) -> np.ndarray:
@@ -184,7 +214,7 @@ def _write_body(model: Model, body: Body, world: ElementTree.Element, masses: np
     above = np.zeros(3) if body.parent is None else body.parent.origin
     parent = world if body.parent is None else body.parent.element
     element = body.element = ElementTree.SubElement(parent, "body", name=body.name, pos=_words(body.origin - above))
-    for kind, axis in _joints(model, body.at < 0):
+    for kind, axis in _joints(model, body):
         ElementTree.SubElement(
             element, "joint" if kind != "free" else "freejoint", **({} if kind == "free" else {"type": kind}), **axis
         )
@@ -202,23 +232,23 @@ def _write_body(model: Model, body: Body, world: ElementTree.Element, masses: np
         _write_touching(model, element, node, place)
 
 
-def _joints(model: Model, floats: bool) -> list[tuple[str, dict[str, str]]]:
+def _joints(model: Model, body: Body) -> list[tuple[str, dict[str, str]]]:
     """Kind and axis of a body's joints."""
     if len(model.axes) == 3:
-        return [("free" if floats else "ball", {})]
+        return [("free", {})] if body.at < 0 else [*_slides(body.slides), ("ball", {})]
     across = _words(np.eye(3)[next(i for i in range(3) if i not in model.axes)])
-    return [*(_slides(model) if floats else []), ("hinge", {"axis": across})]
+    return [*_slides(body.slides), ("hinge", {"axis": across})]
 
 
-def _slides(model: Model) -> list[tuple[str, dict[str, str]]]:
-    return [("slide", {"axis": _words(np.eye(3)[axis])}) for axis in model.axes]
+def _slides(axes: Iterable[int]) -> list[tuple[str, dict[str, str]]]:
+    return [("slide", {"axis": _words(np.eye(3)[axis])}) for axis in axes]
 
 
 def _write_point(model: Model, node: int, world: ElementTree.Element, mass: float) -> None:
     """A point mass by itself, which does not turn."""
     name = model.node_names[node]
     element = ElementTree.SubElement(world, "body", name=f"{name}_body", pos=_words(model.nodes[node]))
-    for kind, axis in _slides(model):
+    for kind, axis in _slides(_free_axes(model, node)):
         ElementTree.SubElement(element, "joint", type=kind, **axis)
     small = _words([AXIAL * mass] * 3)
     ElementTree.SubElement(element, "inertial", pos="0 0 0", mass=repr(float(mass)), diaginertia=small)
@@ -286,15 +316,15 @@ def _speeds(model: Model, body: Body) -> list[float]:
     turning = _turning(model, body)
     node = int(model.bars[body.bars[0], 0])
     speed = model.velocity[node] + np.cross(turning, body.origin - model.nodes[node])
-    relative = turning - (_turning(model, body.parent) if body.at >= 0 else 0.0)
-    linear = speed[list(model.axes)].tolist() if body.at < 0 else []
+    relative = turning - _turning(model, body.parent)
+    linear = speed[list(body.slides)].tolist()
     if len(model.axes) == 3:
         return linear + relative.tolist()
     return linear + [float(relative[next(i for i in range(3) if i not in model.axes)])]
 
 
 def _lone_speeds(model: Model) -> str:
-    return "".join(" " + _words(model.velocity[node, list(model.axes)]) for node in model.lone_nodes.tolist())
+    return "".join(" " + _words(model.velocity[node, list(_free_axes(model, node))]) for node in model.lone_nodes.tolist())
 
 
 # --- notes -----------------------------------------------------------------------------------------------------------
