@@ -21,7 +21,7 @@ NODE = ("name", "x", "y", "z", "fixed", "mass", "vx", "vy", "vz", "drag")
 BAR = ("mass", "E", "diameter", "wall", "area", "second_moment")
 STRING = ("mass", "stiffness", "damping", "tension", "rest_length", "force_density", "strength", "two_way")
 MEMBER = ("name", "kind", "nodes", *dict.fromkeys((*BAR, *STRING)), "weld")
-SCENE = ("name", "description", "source", "plane", "gravity", "damping_law", "start")
+SCENE = ("name", "description", "source", "plane", "gravity", "damping_law", "string_mass_matrix", "start")
 KNOWN = ("tension", "rest_length", "force_density")  # of strings, in [prestress]
 YES, NO = ("yes", "true", "1", "x y z", "xyz"), ("", "no", "false", "0")
 

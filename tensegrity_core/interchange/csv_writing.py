@@ -79,4 +79,6 @@ def _scene(scene: Scene) -> str:
     start = "released" if scene.start == "released" else "equilibrium"
     found = {"name": scene.name, "description": scene.description, "source": scene.source, "plane": scene.plane}
     found |= {"gravity": " ".join(map(repr, gravity)), "damping_law": scene.damping_law, "start": start}
+    if scene.string_mass_matrix != "lumped":
+        found |= {"string_mass_matrix": scene.string_mass_matrix}
     return _table(("key", "value"), ({"key": key, "value": value} for key, value in found.items() if value))

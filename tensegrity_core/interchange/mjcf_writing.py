@@ -342,6 +342,8 @@ def _notes(model: Model, closing: list) -> list[str]:
     if closing:
         names = ", ".join(dict.fromkeys(model.node_names[node] for _, _, node in closing))
         notes.append(f"Bars are joined by soft constraints at {names}; here no joint gives way.")
+    if model.string_mass_links:
+        notes.append("Masses of strings are lumped at their nodes; here their segments move like thin bars.")
     if model.ground is not None:
         notes.append(
             "The ground is a plane that spheres of 1 mm for each metre touch by MuJoCo's own contact, stiffness and damping."

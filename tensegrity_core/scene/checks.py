@@ -34,6 +34,7 @@ SHORTEST = 1e-9  # m: below this a member has no usable direction
 MOST_LEVELS = 20  # of elements in each other
 MOST_PARTS = 1000  # elements that one string may be made of
 MOST_MEMORY = 12  # beams and other parts that snap in one series with memory
+MOST_PASSED = 300  # nodes that a string passes: its stiffness ties each to each
 MOST_WELDED = 100  # bars of one rigid body
 MOST_POINTS = 50_000  # of all tables of a scene
 MOST_COST = 4.0  # s, about what working out all force laws may take; see `costs`
@@ -150,6 +151,8 @@ def _check_path(scene: Scene, key: str, path: tuple[str, ...]) -> None:
                 f"has {'zero length' if len(path) == 2 else 'a segment of zero length'}: {where} at {scene.nodes[ends[0]]}"
             )
             raise scene.error(key, problem, "Move one of the nodes.")
+    if len(path) > MOST_PASSED:
+        raise scene.error(key, f"passes {len(path)} nodes, more than {MOST_PASSED}", "Divide the string, or leave out nodes.")
     if path[0] == path[-1] and len(set(path)) < 3:
         problem = "ends where it starts, and passes only one other node"
         raise scene.error(key, problem, "Let an endless string pass three different nodes or more, or leave the last out.")

@@ -54,7 +54,8 @@ def test_scenes_come_back(name, tmp_path):
     ):
         np.testing.assert_array_equal(getattr(back, field), getattr(model, field))
     np.testing.assert_allclose(back.rest_length, model.rest_length, rtol=1e-13)
-    for field in ("point_mass", "drag", "partly_fixed", "routes", "sections", "strength", "gravity", "axes", "damping_law"):
+    fields = ("point_mass", "drag", "partly_fixed", "routes", "sections", "strength", "gravity", "axes", "damping_law")
+    for field in (*fields, "string_mass_matrix"):
         assert getattr(back, field) == getattr(model, field), field
     assert [body.bars for body in back.bodies] == [body.bars for body in model.bodies]
     run = reference.simulate if model.joint else kernel.simulate

@@ -18,6 +18,7 @@ from tensegrity_core.statics import build_model
 from tests.support import element_scenes, push, scene
 from tests.support.browser import CHROMIUM, Browser
 from tests.support.driven_scenes import AFLOAT, LABORATORY, PENDULUM, POLE, built
+from tests.support.rigged_scenes import RIGGED
 from tests.support.tools import PAGE
 
 pytestmark = [CHROMIUM, PAGE, pytest.mark.usefixtures("made_page")]
@@ -124,8 +125,9 @@ def test_a_node_follows_the_pointer_and_honeycombs_snap(opened, name, node):
 
 
 def models():
-    """What the built-in scenes have not: no strings, no ground, other planes, motors, moved nodes, memory, laws of any kind."""
-    yield from map(built, (PENDULUM, AFLOAT, LABORATORY))
+    """What the built-in scenes have not: no strings, no ground, other planes, motors, moved nodes, memory, laws of any kind,
+    strings over several nodes."""
+    yield from map(built, (PENDULUM, AFLOAT, LABORATORY, RIGGED))
     yield from map(element_scenes.mast, ("memory", "mixed"))
     for axes in ("xy", "yz"):
         strings = {name: {"nodes": [node, "n2"], "material": "cable"} for name, node in (("s1", "n3"), ("s2", "n4"))}

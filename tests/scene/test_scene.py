@@ -270,6 +270,18 @@ def test_the_same_base_twice_is_no_circle(tmp_path):
     assert load_scene(write(tmp_path, 'extends = ["base.toml", "one.toml"]\n')).gravity == 1.0
 
 
+def test_a_string_passes_so_many_nodes_only(tmp_path):
+    """Its stiffness ties each of them to each."""
+    way = ["n3", *["n4", "n1", "n2"] * 99, "n4", "n1"]
+    for nodes in (way, [*way, "n2"]):
+        path = write(tmp_path, GOOD.replace('s3 = { nodes = ["n3", "n4"]', f"s3 = {{ nodes = {nodes}"))
+        if len(nodes) == 300:
+            assert len(load_scene(path).strings["s3"].nodes) == 300
+            continue
+        with pytest.raises(SceneError, match="passes 301 nodes, more than 300. Divide the string"):
+            load_scene(path)
+
+
 # --- the schema --------------------------------------------------------------------------------------------------
 
 
