@@ -147,8 +147,8 @@ def compare(
     calm = allowed.largest["position"] <= SENSITIVE * length
     rows = len(times) if calm.all() else max(1, int(np.argmin(calm)))
     until = float(times[rows - 1])
-    ours = [t for t in reference.transitions if t.time <= until]
-    theirs = [t for t in events if t.time <= until]
+    ours = [t for t in reference.transitions if t.time <= until and t.string not in allowed.idle]
+    theirs = [t for t in events if t.time <= until and t.string not in allowed.idle]
     clear = away(near_transitions(ours, theirs), times[:rows])
     through = float(reference.throughput[rows - 1])
     deviations = {name: _deviation(name, reference, fmu, allowed, rows, clear, through) for name in OUTPUTS}

@@ -40,13 +40,15 @@ class Spread:
     """What start errors of `size` m and m/s become in one scenario.
 
     largest: output -> (K+1,) largest difference so far; shifts: transition of the undisturbed run -> how far it moves, s;
-    loose: (string and contact, time) of transitions that come and go with the start error.
+    loose: (string and contact, time) of transitions that come and go with the start error; idle: strings that stay as close to
+    their rest lengths as that, such as those laid along a bar, whose transitions all do.
     """
 
     size: float
     largest: dict[str, np.ndarray]
     shifts: tuple[tuple[Transition, float], ...]
     loose: tuple[tuple[tuple[int, int], float], ...]
+    idle: frozenset[int] = frozenset()
 
     def shift(self, t: Transition) -> float:
         """How far a transition of this kind at about this time moves, s."""
@@ -73,7 +75,15 @@ def spreads(model: Model, inputs: Inputs, size: float) -> tuple[Spread, Spread]:
     far = [kernel.simulate(*one, tolerance=TOLERANCE) for one in disturbed(model, inputs, LARGER * size)]
     largest, wide = _largest(base, near), _largest(base, far)
     calm = {name: np.minimum(largest[name], wide[name] / LARGER) for name in largest}
-    return Spread(size, calm, *_moved(base, near)), Spread(LARGER * size, wide, *_moved(base, far))
+    idle = idle_strings(base, inputs, size)
+    return Spread(size, calm, *_moved(base, near), idle), Spread(LARGER * size, wide, *_moved(base, far), idle)
+
+
+def idle_strings(result: Result, inputs: Inputs, size: float) -> frozenset[int]:
+    """Strings whose lengths differ by no more than size, m, from their rest lengths at all communication points."""
+    after = inputs.rest_length + inputs.rest_length_rate * np.diff(inputs.times)[:, None]
+    off = np.maximum(np.abs(result.string_length[:-1] - inputs.rest_length), np.abs(result.string_length[1:] - after))
+    return frozenset(np.flatnonzero(off.max(axis=0, initial=0.0) <= size).tolist())
 
 
 def _moved(base: Result, runs: list[Result]):

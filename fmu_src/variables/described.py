@@ -6,6 +6,8 @@ import hashlib
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree as XML
 
+from tensegrity_core.model import Model
+
 from .interface import Variable
 from .units import UNITS
 
@@ -55,6 +57,11 @@ def plain(table: tuple[Variable, ...]) -> tuple[Variable, ...]:
     if kept != list(table[: len(kept)]):
         raise ValueError("an Integer output stands between other variables, whose indices would change")
     return tuple(replace(row, kind="Integer") if row.kind == "Enumeration" else row for row in kept)
+
+
+def differentiable(model: Model) -> bool:
+    """Whether FMUs give directional and adjoint derivatives: not where bars share nodes, or nodes touch the ground."""
+    return not model.joint and model.ground is None
 
 
 def content_guid(description_without_guid: bytes, files: dict[str, bytes]) -> str:

@@ -9,7 +9,7 @@ from tensegrity_core.fields import METHOD_MEANINGS
 from tensegrity_core.model import Model
 
 from .arrays import Whole, owners, wholes
-from .described import LOG_CATEGORIES, Experiment, Runtime, add_experiment, add_units, text
+from .described import LOG_CATEGORIES, Experiment, Runtime, add_experiment, add_units, differentiable, text
 from .interface import Variable
 from .units import UNITS
 
@@ -62,10 +62,11 @@ def model_description(
         generationTool=runtime.tool,
         variableNamingConvention=naming,
     )
+    partials = dict.fromkeys(("providesDirectionalDerivatives", "providesAdjointDerivatives"), differentiable(model))
     if runtime.kind != "cs":
-        _add_kind(root, "ModelExchange", identifier, EXCHANGE_CAPABILITIES)
+        _add_kind(root, "ModelExchange", identifier, EXCHANGE_CAPABILITIES | partials)
     if runtime.kind != "me":
-        _add_kind(root, "CoSimulation", identifier, CAPABILITIES)
+        _add_kind(root, "CoSimulation", identifier, CAPABILITIES | partials)
     add_units(root, {row.unit for row in table if row.unit})
     if any(row.kind == "Enumeration" for row in table):
         _add_method_type(root)

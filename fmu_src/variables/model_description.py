@@ -8,7 +8,7 @@ from xml.etree import ElementTree as XML
 from tensegrity_core.fields import METHOD_MEANINGS
 from tensegrity_core.model import Model
 
-from .described import LOG_CATEGORIES, Experiment, Runtime, add_experiment, add_files, add_units, text
+from .described import LOG_CATEGORIES, Experiment, Runtime, add_experiment, add_files, add_units, differentiable, text
 from .interface import Variable
 from .units import UNITS
 
@@ -59,7 +59,8 @@ def model_description(
     )
     if runtime.kind != "cs":
         root.set("numberOfEventIndicators", str(runtime.indicators))
-        _add_kind(root, "ModelExchange", identifier, EXCHANGE_CAPABILITIES, runtime.sources)
+        known = EXCHANGE_CAPABILITIES | {"providesDirectionalDerivative": differentiable(model)}
+        _add_kind(root, "ModelExchange", identifier, known, runtime.sources)
     if runtime.kind != "me":
         _add_kind(root, "CoSimulation", identifier, CAPABILITIES, runtime.sources)
     add_units(root, {row.unit for row in table if row.unit})
