@@ -320,12 +320,23 @@ static void place_nodes(ts_sim *sim, double tau, double *y)
     }
 }
 
+/* The largest number among the positions (part 0, m) or velocities (1, m/s). */
+static double largest(const ts_sim *sim, int part)
+{
+    const int D = sim->m.count[TS_D];
+    double most = 0.0;
+    for (int i = 0; i < sim->m.joint.nodes; i++)
+        for (int d = 0; d < D; d++) most = fmax(most, fabs(sim->joined.x[(2 * sim->m.joint.node[i] + part) * D + d]));
+    return most;
+}
+
 /* What positions (part 0, m) or velocities (1, m/s) miss of the constraints, into the rows of b; returns the largest, of positions
- * over the length.  A length that should follow from others counts only where it does not. */
+ * relative, with the coordinates' round-off in mind.  A length that should follow from others counts only where it does not. */
 static double missing(ts_sim *sim, int part)
 {
     const ts_joints *j = &sim->m.joint;
     const int D = sim->m.count[TS_D];
+    const double size = part ? 0.0 : largest(sim, 0);
     double most = 0.0, e[3], *rows = sim->joined.b + j->nodes * D;
     memset(sim->joined.b, 0, sizeof(double) * (size_t)((j->nodes + j->rows) * D));
     for (int i = 0; i < j->count; i++) {
@@ -337,7 +348,7 @@ static double missing(ts_sim *sim, int part)
             if (tie->row < 0 && !part && !(fabs(along) < DROPPED_DRIFT * tie->length)) sim->joined.failed = 1;
             if (tie->row < 0) continue;
             rows[tie->row * D + r] = -along;
-            most = fmax(most, part ? fabs(along) : fabs(along) / tie->length);
+            most = fmax(most, part ? fabs(along) : fabs(along) / (tie->length + size));
         }
     }
     return most;
@@ -352,25 +363,16 @@ static void shift(ts_sim *sim, int part)
         for (int d = 0; d < D; d++) sim->joined.x[(2 * j->node[i] + part) * D + d] += sim->joined.b[i * D + d];
 }
 
-static double largest_speed(const ts_sim *sim)
-{
-    const int D = sim->m.count[TS_D];
-    double most = 0.0;
-    for (int i = 0; i < sim->m.joint.nodes; i++)
-        for (int d = 0; d < D; d++) most = fmax(most, fabs(sim->joined.x[(2 * sim->m.joint.node[i] + 1) * D + d]));
-    return most;
-}
-
 /* Newton's iteration along M^-1 G', with the factor at hand as long as it helps; 0: it does not converge. */
 static int correct(ts_sim *sim, int part)
 {
     double last = INFINITY;
     for (int it = 0; it < ITERATIONS; it++) {
         point(sim, sim->joined.x);
-        const double scale = part ? largest_speed(sim) : 1.0, miss = missing(sim, part);
+        const double scale = part ? largest(sim, 1) : 1.0, miss = missing(sim, part);
         if (sim->joined.failed || !(miss < INFINITY)) return 0;
-        if (miss <= 4.0 * DBL_EPSILON * scale) return 1;
-        if (miss > 0.5 * last) return miss <= 1e-12 * scale || (miss <= 1e-10 * scale && it > 2);
+        if (miss <= DBL_EPSILON * scale) return 1;
+        if (miss > 0.5 * last && (miss <= 1e-13 * scale || it > 4)) return miss <= 1e-11 * scale;
         if ((!sim->joined.factored || miss > 0.01 * last) && !factorise(sim, sim->joined.x)) return 0;
         last = miss;
         ts_blocks_solve(&sim->joined.pattern, sim->joined.factor, sim->joined.b);
@@ -406,7 +408,7 @@ int ts_joints_lock(ts_sim *sim)
     for (int i = 0; i < (j->nodes + j->rows) * D; i++) sim->joined.b[i] = i % 3 - 1.2;
     ts_blocks_solve(&sim->joined.pattern, sim->joined.factor, sim->joined.b);
     for (int i = 0; i < (j->nodes + j->rows) * D; i++) most = fmax(most, fabs(sim->joined.b[i]));
-    return !(most < LOCKED);
+    return !(most < LOCKED + (double)j->rows * j->rows); /* a long chain is soft at its end */
 }
 
 /* Largest deviation of a length, or of what its rate makes of it within `ahead` (s), relative. */

@@ -43,7 +43,7 @@ static int fail(ts_sim *sim, int status)
 #undef TS_ERROR
     };
     const char *text = texts[status];
-    if (sim->m.joint.nodes && ts_joints_lock(sim))
+    if (sim->m.joint.nodes && status != TS_UNSTABLE && status != TS_WORK_LIMIT && ts_joints_lock(sim))
         text =
             "the constraints of the bars lock, as of a chain that is pulled straight, or cannot all hold any longer; load or move "
             "the structure less far, or leave a bar or a fixed axis out";
