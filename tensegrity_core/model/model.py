@@ -101,18 +101,15 @@ class Model:
         element: per string its force law where it is neither a spring nor an NSH, else None.
         damper: per string its damping law where it is not linear, else None.
         actuator: per string its actuator, or None; current: (A,) A, drum_load: (A,) N, their start values.
-        point_mass: (node, kg) of the nodes that carry a mass beside their bar's, in node order; a free node on no bar has one,
-            or a string's mass.
+        point_mass: (node, kg) of the nodes that carry one, in node order; a free node on no bar has it, or a string's mass.
         drag: (node, N.s/m) of the nodes with viscous drag, in node order.
         moving: nodes whose motion is an input, in node order: fixed ones, and partly fixed ones that `moving_axes` names.
         partly_fixed: (node, axes) of the free nodes that are fixed along some of the scene's axes, in node order.
-        moving_axes: (node, axes) of the `moving` nodes that are moved along some of the axes along which they are fixed, and
-            not along all that the scene uses, in node order; what inputs say of other axes is ignored.
+        moving_axes: (node, axes) of the `moving` nodes that inputs move along these axes only, in node order.
         welds: bars that are one rigid body, weld by weld, rising.
         ground: a plane that the nodes of `contacts` cannot pass, or None.
         contacts: the nodes that may touch the ground, in node order.
-        routes: (string, all its nodes in order) of the strings over more than two nodes, in string order; `strings` has their
-            first two nodes.
+        routes: (string, all its nodes) of the strings over more than two nodes; `strings` has their first two nodes.
         string_mass: (S,) kg, lumped at each string's nodes, see `routes`.
         string_mass_matrix: 'lumped', or 'consistent': a string's segments then move like thin bars of their mass, see `routes`.
         two_way: (S,) bool, springs that also push: their tension is k times the elongation, whatever its sign.

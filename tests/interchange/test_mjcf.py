@@ -263,6 +263,9 @@ def test_what_mjcf_cannot_say_is_refused_and_nothing_is_written(tmp_path, capsys
     ):
         with pytest.raises(InputError, match=says):
             tc.export_scene(scene, tmp_path / "it.xml")
+    heavy = tc.load("three_bar", {"strings.s1.mass": 0.1, "string_mass_matrix": "consistent"})
+    with pytest.raises(InputError, match="cannot say the consistent mass of s1"):
+        document(heavy)
     assert not list(tmp_path.iterdir())
     assert main(["export", "six_bar", "--to", "mjcf", "--output", str(tmp_path / "it.xml")]) == 0
     assert "A tendon's damper acts while the tendon is slack, too" in capsys.readouterr().out
