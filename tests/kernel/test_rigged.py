@@ -20,6 +20,8 @@ from tests.kernel.test_random_scenes import random_model
 from tests.support import by_hand, scene
 from tests.support.driven_scenes import LABORATORY, PENDULUM, built
 from tests.support.element_scenes import STRINGS, mast
+from tests.support.ground_scenes import random_drives, random_ground
+from tests.support.jointed_scenes import random_forces, random_joints
 from tests.support.rigged_scenes import RIGGED
 from tests.support.routed_scenes import routed
 from tests.support.words import words
@@ -288,25 +290,54 @@ def test_the_reference_sees_a_release_that_is_over_before_a_piece_ends():
     assert apart(model, inputs) <= 1e-9
 
 
+@pytest.mark.parametrize("seed, joints", [(1, False), (4, True)])
+def test_random_structures_on_the_ground_agree(seed, joints):
+    """With joints and nodes held along an axis, too."""
+    model = routed(random_ground(seed, joints), seed)
+    inputs = random_drives(model, seed, 3)
+    ours, theirs = kernel.simulate(model, inputs, tolerance=1e-11), reference.simulate(model, inputs)
+    np.testing.assert_allclose(ours.position, theirs.position, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(ours.string_force, theirs.string_force, rtol=0, atol=1e-4)
+    assert model.routes and ours.ledger_error() < 1e-8 and len(ours.transitions) > 5
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5p", "radau9"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_random_structures_with_joints_agree(seed, method):
+    model = routed(random_joints(seed), seed)
+    inputs = random_forces(model, seed)
+    ours, theirs = kernel.simulate(model, inputs, method, tolerance=1e-11), reference.simulate(model, inputs)
+    np.testing.assert_allclose(ours.position, theirs.position, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(ours.string_force, theirs.string_force, rtol=0, atol=1e-4)
+    assert model.routes and model.joint and ours.ledger_error() < 1e-8
+
+
+def moved_by_a_push(model, inputs, seed):
+    """How far the kernel's own run goes from itself where 1e-9 N push besides, m."""
+    size = 1e-9 * np.isin(np.arange(3), model.axes) * ~model.fixed[:, None]
+    push = size * np.random.default_rng(seed).normal(size=inputs.force.shape)
+    runs = [kernel.simulate(model, one, tolerance=1e-11) for one in (inputs, replace(inputs, force=inputs.force + push))]
+    return np.abs(runs[0].position - runs[1].position).max()
+
+
 def sweep(count, duration):
-    """How many agree, and of the others how far a push of 1e-9 N moves the kernel's own run."""
+    """How many agree, and what the others say."""
     agreed, worst = 0, 0.0
     for seed in range(count):
         model = random_case(seed)
         inputs = drive(model, duration, 0.04)
-        distance = apart(model, inputs)
-        agreed += distance <= 1e-7
-        worst = max(worst, distance) if distance <= 1e-7 else worst
+        try:
+            distance = apart(model, inputs)
+        except AssertionError as failure:
+            print(f"{seed} {model.name}: {str(failure).strip()[:200] or 'a ledger or a transition'}", flush=True)
+            continue
         if distance > 1e-7:
-            axes = np.isin(np.arange(3), model.axes)
-            push = 1e-9 * np.random.default_rng(seed).normal(size=inputs.force.shape) * ~model.fixed[:, None] * axes
-            runs = [
-                kernel.simulate(model, one, tolerance=1e-11) for one in (inputs, replace(inputs, force=inputs.force + push))
-            ]
-            moved = np.abs(runs[0].position - runs[1].position).max()
+            moved = moved_by_a_push(model, inputs, seed)
             print(
                 f"{seed} {model.name}: {distance:.1e} m apart; pushed, the kernel's own run moves by {moved:.1e} m", flush=True
             )
+            continue
+        agreed, worst = agreed + 1, max(worst, distance)
     print(f"{agreed} of {count} agree, the farthest to {worst:.1e} m")
 
 
