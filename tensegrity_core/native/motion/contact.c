@@ -250,7 +250,8 @@ void ts_slip_rates(ts_sim *sim, double tau, double *a)
         double along = dot(t->u, t->vt, D), least = sqrt(dot(t->vt, t->vt, D)) * g->least_time;
         double reach = fmax(t->reach, fmax(LEAST_REACH, least));
         int turns = sim->state.mode[k] == TS_SLIPPING && dot(t->u, t->u, D) > 0.0;
-        for (int d = 0; d < D && block >= 0; d++) a[block * D + d] = turns ? (t->vt[d] - along * t->u[d]) / reach : 0.0;
+        for (int d = 0; d < D && block >= 0; d++)
+            a[block * D + d] = turns ? TS_DIRECTION * (t->vt[d] - along * t->u[d]) / reach : 0.0;
         double *margin = g->margin + TS_WATCHES * k, *low = g->low + TS_WATCHES * k, *high = g->high + TS_WATCHES * k;
         ts_touch_margins(sim, k, t, ts_penetration_bend(sim, tau, k, a), margin);
         for (int w = 0; w < TS_WATCHES; w++) {
@@ -317,7 +318,7 @@ static void force_slopes(const ts_sim *sim, int k, const double now[3], const in
             double P = (r == c) - n[r] * n[c];
             s->by_x[r * D + c] = -along * by_delta * n[c] - (slips ? 0.0 : kt * P);
             s->by_v[r * D + c] = -along * by_rate * n[c];
-            s->by_w[r * D + c] = slips && exact ? -mu * t->normal * (P - t->u[r] * t->u[c]) : 0.0;
+            s->by_w[r * D + c] = slips && exact ? -mu * t->normal * (P - t->u[r] * t->u[c]) / TS_DIRECTION : 0.0;
         }
     }
 }
@@ -328,12 +329,12 @@ static void turn_slopes(const ts_sim *sim, int k, const double now[3], const int
     const double *n = sim->m.packed.ground + D, along = dot(t->u, t->vt, D), reach = fmax(t->reach, LEAST_REACH);
     const double per_N = t->reach > LEAST_REACH ? ts_reach_per_force(sim, k) / reach : 0.0;
     for (int r = 0; r < D; r++) {
-        double rate = (t->vt[r] - along * t->u[r]) / reach;
+        double rate = TS_DIRECTION * (t->vt[r] - along * t->u[r]) / reach;
         s->turn_t[r] = -rate * per_N * (t->by_delta * now[1] + t->by_rate * now[2]);
         for (int c = 0; c < D; c++) {
             double P = (r == c) - n[r] * n[c] - t->u[r] * t->u[c];
             s->turn_x[r * D + c] = exact ? rate * per_N * t->by_delta * n[c] : 0.0;
-            s->turn_v[r * D + c] = exact ? P / reach + rate * per_N * t->by_rate * n[c] : 0.0;
+            s->turn_v[r * D + c] = exact ? TS_DIRECTION * P / reach + rate * per_N * t->by_rate * n[c] : 0.0;
             s->turn_w[r * D + c] = -(exact ? along : fmax(along, 0.0)) * P / reach;
             if (exact) s->turn_w[r * D + c] -= t->u[r] * (t->vt[c] - along * t->u[c]) / reach;
         }
@@ -399,7 +400,7 @@ void ts_contact_jacobian(ts_sim *sim, double tau, int exact)
 
 /* --- around steps ------------------------------------------------------------------------------------------------------- */
 
-/* Directions of slip are unit vectors in the plane. */
+/* Directions of slip are vectors of one length in the plane. */
 void ts_project_directions(const ts_model *m, double *y)
 {
     const double *n = m->packed.ground + 3;
@@ -407,7 +408,7 @@ void ts_project_directions(const ts_model *m, double *y)
         double *w = y + m->nq + 3 * m->contact.block[k], off = dot(w, n, 3), square = 0.0;
         if (w[0] == 0.0 && w[1] == 0.0 && w[2] == 0.0) continue;
         for (int d = 0; d < 3; d++) w[d] -= off * n[d], square += w[d] * w[d];
-        for (int d = 0; d < 3; d++) w[d] /= sqrt(square);
+        for (int d = 0; d < 3; d++) w[d] *= TS_DIRECTION / sqrt(square);
     }
 }
 

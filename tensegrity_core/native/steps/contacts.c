@@ -83,7 +83,7 @@ static void slip(ts_sim *sim, int k, const double *t)
     const int D = sim->m.count[TS_D], block = sim->m.contact.block[k];
     double size = size_of(sim, t), *w = block < 0 ? sim->state.bristle + k * D : sim->state.y + sim->m.nq + block * D;
     go(sim, k, TS_SLIPPING);
-    for (int d = 0; d < D && size > 0.0 && ts_has_friction(sim, k); d++) w[d] = t[d] / size;
+    for (int d = 0; d < D && size > 0.0 && ts_has_friction(sim, k); d++) w[d] = TS_DIRECTION * t[d] / size;
 }
 
 /* Where the ground begins to press: the bristle is at rest, and sticks if it grows no faster than what friction can bear.  Where
