@@ -110,8 +110,6 @@ def unknown(model: Model) -> tuple[str, str] | None:
     """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
     for string, *_ in model.string_mass_links:
         return f"string {model.string_names[string]} has a consistent mass matrix", 'write string_mass_matrix = "lumped"'
-    if model.ground is not None and model.ground.law == "literal":
-        return "its ground pulls", 'write law = "clipped" in [ground]'
     return None
 
 
