@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -17,7 +18,9 @@ from tensegrity_core.kernel import Kernel, to_bytes
 from tensegrity_core.kernel.packing import fnv1a
 from tensegrity_core.model import grid, held
 from tensegrity_core.model.signals import driven
+from tensegrity_core.model.strength import Section
 from tensegrity_core.scene import builtin_scenes
+from tests.reference.test_structures import FOLDER
 from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, RATED, built
 
@@ -151,3 +154,18 @@ def test_contradictions_are_named(keys, key, says):
     with pytest.raises(SceneError, match=says) as found:
         tc.load("three_bar", {f"bars.b1.{name}": value for name, value in keys.items()})
     assert found.value.key == f"bars.b1.{key}"
+
+
+def test_bars_that_meet_have_it_too():
+    """A D-bar, whose bars share nodes: kernel, reference, and the variables of an FMU."""
+    model = tc.load(FOLDER / "stedy_dbar.toml")
+    sections = tuple((bar, Section(10.0, 0.01)) for bar in range(len(model.bars)))
+    model = replace(model, sections=sections, strength=tuple((string, 30.0) for string in range(len(model.strings))))
+    inputs = held(model, grid(0.5, 0.05))
+    ours, theirs = kernel.simulate(model, inputs, tolerance=1e-11), reference.simulate(model, inputs)
+    assert ours.bar_utilisation.max(axis=0).min() > 0.1 and ours.string_utilisation.max() > 1.0
+    for name in ("bar_utilisation", "string_utilisation"):
+        assert np.abs(ours.outputs[name] - theirs.outputs[name]).max() < 1e-7
+    rows = {row.name: row for row in variables(model)}
+    assert set(rows["b1.force"].known) | {rows["b1.bending_stiffness"].reference} == set(rows["b1.utilisation"].known)
+    assert [one.value for one in tc.linearize(model).outputs if one.name == "s1.utilisation"] == [0.0]
