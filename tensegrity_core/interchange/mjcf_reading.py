@@ -159,7 +159,8 @@ class _Reading:
         if other in self.sited:
             self.names[one] = self.names[other]
             self.sited.add(one)
-        self.bars = [(bar, *(one if end == other else end for end in ends), mass) for bar, *ends, mass in self.bars]
+        new = {other: one}
+        self.bars = [(bar, new.get(a, a), new.get(b, b), mass) for bar, a, b, mass in self.bars]
         if other in self.mass:
             self.mass[one] = self.mass.get(one, 0.0) + self.mass.pop(other)
 
@@ -198,11 +199,11 @@ class _Reading:
         for g in shapes:
             half = self.model.geom_size[g][1] * self.data.geom_xmat[g].reshape(3, 3)[:, 2]
             at = self.data.geom_xpos[g]
-            ends = [self._node(at + sign * half, f"{self.name('geom', g)}_{end}", body) for sign, end in ((-1, "a"), (1, "b"))]
-            if ends[0] == ends[1]:
+            a, b = (self._node(at + sign * half, f"{self.name('geom', g)}_{end}", body) for sign, end in ((-1, "a"), (1, "b")))
+            if a == b:
                 what = f"the geom {self.name('geom', g)} is so short that its ends are one node in a model of this extent"
                 raise self.error(what, "give it another length, or leave out what lies far off")
-            self.bars.append((self.name("geom", g), *ends, 0.0))
+            self.bars.append((self.name("geom", g), a, b, 0.0))
         self._weigh(body, parts, first)
         if len(shapes) > 1:
             self.welds.append(list(range(first, len(self.bars))))

@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_bytes
 from ..model import Model
+from ..model.ground import Ground
 from ..scene import Scene
 from .refusals import require_springs
 
@@ -44,7 +45,7 @@ class Body:
     parent: Body | None = None
     deep: int = 1
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    element: ElementTree.Element | None = None
+    element: ElementTree.Element = field(default_factory=lambda: ElementTree.Element("body"))
 
 
 def write(path: Path, scene: Scene, model: Model) -> list[str]:
@@ -65,13 +66,13 @@ def document(model: Model, step: float = STEP, integrator: str = "implicit") -> 
     found += [f"the drag of {', '.join(model.node_names[node] for node, _ in model.drag)}"] if model.drag else []
     require_springs(model, "MJCF", *found)
     root = ElementTree.Element("mujoco", model=model.name)
-    ElementTree.SubElement(root, "compiler", autolimits="true", inertiafromgeom="false")
-    option = ElementTree.SubElement(root, "option", integrator=integrator, timestep=repr(step), gravity=_words(model.g))
+    _element(root, "compiler", autolimits="true", inertiafromgeom="false")
+    option = _element(root, "option", integrator=integrator, timestep=repr(step), gravity=_words(model.g))
     if model.ground is None:
-        ElementTree.SubElement(option, "flag", contact="disable")
-    world = ElementTree.SubElement(root, "worldbody")
+        _element(option, "flag", contact="disable")
+    world = _element(root, "worldbody")
     for node in model.fixed_nodes.tolist():
-        ElementTree.SubElement(world, "site", name=model.node_names[node], pos=_words(model.nodes[node]))
+        _element(world, "site", name=model.node_names[node], pos=_words(model.nodes[node]))
     masses = _masses(model)
     for body in bodies:
         _write_body(model, body, world, masses)
@@ -81,9 +82,9 @@ def document(model: Model, step: float = STEP, integrator: str = "implicit") -> 
     if closing:
         _write_closing(model, root, closing, step)
     if model.ground is not None:
-        _write_ground(model, world)
+        _write_ground(model, model.ground, world)
     if model.velocity.any():
-        key = ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", name="start")
+        key = _element(_element(root, "keyframe"), "key", name="start")
         key.set("qvel", _words(v for body in bodies for v in _speeds(model, body)) + _lone_speeds(model))
     return root, _notes(model, closing)
 
@@ -95,7 +96,11 @@ def _in_its_plane(model: Model) -> Model:
         return model
     held = model.held[:, axes]
     single = ((node, tuple(a for a, one in zip(axes, row) if one)) for node, row in enumerate(held.tolist()) if sum(row) == 1)
-    return replace(model, axes=axes, fixed=held.all(axis=1), partly_fixed=tuple(single), moving=(), moving_axes=())
+    return replace(model, axes=axes, fixed=np.asarray(held.all(axis=1)), partly_fixed=tuple(single), moving=(), moving_axes=())
+
+
+def _element(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, tag, attributes)
 
 
 def _words(values: Iterable[float]) -> str:
@@ -120,7 +125,7 @@ def _bodies(model: Model) -> tuple[list[Body], list[tuple[Body, Body | None, int
     pinned = [i for i, bars in enumerate(units) if model.fixed[model.bars[list(bars)]].any()]
     on_rails = [i for i, bars in enumerate(units) if any(_partly(model, n) for n in model.bars[list(bars)].ravel().tolist())]
     for first in dict.fromkeys((*pinned, *on_rails, *range(len(units)))):
-        waiting = deque([(first, -1, None)])
+        waiting: deque[tuple[int, int, Body | None]] = deque([(first, -1, None)])
         while waiting:
             i, node, parent = waiting.popleft()
             if i not in placed:
@@ -213,22 +218,20 @@ def _write_body(model: Model, body: Body, world: ElementTree.Element, masses: np
     body.origin = model.nodes[body.at] if body.at >= 0 else centre
     above = np.zeros(3) if body.parent is None else body.parent.origin
     parent = world if body.parent is None else body.parent.element
-    element = body.element = ElementTree.SubElement(parent, "body", name=body.name, pos=_words(body.origin - above))
+    element = body.element = _element(parent, "body", name=body.name, pos=_words(body.origin - above))
     for kind, axis in _joints(model, body):
-        ElementTree.SubElement(
-            element, "joint" if kind != "free" else "freejoint", **({} if kind == "free" else {"type": kind}), **axis
-        )
+        _element(element, "joint" if kind != "free" else "freejoint", **({} if kind == "free" else {"type": kind}), **axis)
     full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     place = _words(centre - body.origin)
-    ElementTree.SubElement(element, "inertial", pos=place, mass=repr(float(mass)), fullinertia=_words(full))
+    _element(element, "inertial", pos=place, mass=repr(float(mass)), fullinertia=_words(full))
     thick = repr(THICK * float(model.bar_length.max()))
     for bar in body.bars:
         ends = _words((model.nodes[model.bars[bar]] - body.origin).ravel())
         shape = {"name": model.bar_names[bar], "type": "capsule", "fromto": ends, "size": thick}
-        ElementTree.SubElement(element, "geom", **shape, contype="0", conaffinity="0")
+        _element(element, "geom", **shape, contype="0", conaffinity="0")
     for node in body.nodes:
         place = _words(model.nodes[node] - body.origin)
-        ElementTree.SubElement(element, "site", name=model.node_names[node], pos=place)
+        _element(element, "site", name=model.node_names[node], pos=place)
         _write_touching(model, element, node, place)
 
 
@@ -247,12 +250,12 @@ def _slides(axes: Iterable[int]) -> list[tuple[str, dict[str, str]]]:
 def _write_point(model: Model, node: int, world: ElementTree.Element, mass: float) -> None:
     """A point mass by itself, which does not turn."""
     name = model.node_names[node]
-    element = ElementTree.SubElement(world, "body", name=f"{name}_body", pos=_words(model.nodes[node]))
+    element = _element(world, "body", name=f"{name}_body", pos=_words(model.nodes[node]))
     for kind, axis in _slides(_free_axes(model, node)):
-        ElementTree.SubElement(element, "joint", type=kind, **axis)
+        _element(element, "joint", type=kind, **axis)
     small = _words([AXIAL * mass] * 3)
-    ElementTree.SubElement(element, "inertial", pos="0 0 0", mass=repr(float(mass)), diaginertia=small)
-    ElementTree.SubElement(element, "site", name=name, pos="0 0 0")
+    _element(element, "inertial", pos="0 0 0", mass=repr(float(mass)), diaginertia=small)
+    _element(element, "site", name=name, pos="0 0 0")
     _write_touching(model, element, node, "0 0 0")
 
 
@@ -260,33 +263,31 @@ def _write_point(model: Model, node: int, world: ElementTree.Element, mass: floa
 
 
 def _write_tendons(model: Model, root: ElementTree.Element) -> None:
-    tendons = ElementTree.SubElement(root, "tendon")
+    tendons = _element(root, "tendon")
     for i, (name, nodes) in enumerate(zip(model.string_names, model.paths)):
         rest = float(model.rest_length[i])
         spring = _words([rest] if model.two_way[i] else [0.0, rest])
         numbers = {"stiffness": repr(float(model.stiffness[i])), "damping": repr(float(model.damping[i]))}
-        tendon = ElementTree.SubElement(tendons, "spatial", name=name, springlength=spring, **numbers)
+        tendon = _element(tendons, "spatial", name=name, springlength=spring, **numbers)
         for node in nodes:
-            ElementTree.SubElement(tendon, "site", site=model.node_names[node])
+            _element(tendon, "site", site=model.node_names[node])
 
 
 def _write_closing(model: Model, root: ElementTree.Element, closing: list, step: float) -> None:
     """As stiff as MuJoCo lets constraints be at this step."""
     hard = {"solref": f"{2.0 * step!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-    equality = ElementTree.SubElement(root, "equality")
+    equality = _element(root, "equality")
     for body, other, node in closing:
         second = {} if other is None else {"body2": other.name}
-        ElementTree.SubElement(
-            equality, "connect", body1=body.name, **second, anchor=_words(model.nodes[node] - body.origin), **hard
-        )
+        _element(equality, "connect", body1=body.name, **second, anchor=_words(model.nodes[node] - body.origin), **hard)
 
 
-def _write_ground(model: Model, world: ElementTree.Element) -> None:
+def _write_ground(model: Model, ground: Ground, world: ElementTree.Element) -> None:
     """The plane, as far below as the nodes' spheres are thick."""
-    normal = np.array(model.ground.normal)
-    point = np.array(model.ground.point) - TOUCHING * float(model.bar_length.max(initial=1.0)) * normal
+    normal = np.array(ground.normal)
+    point = np.array(ground.point) - TOUCHING * float(model.bar_length.max(initial=1.0)) * normal
     shape = {"name": "ground", "type": "plane", "size": "0 0 1", "pos": _words(point), "zaxis": _words(normal)}
-    ElementTree.SubElement(world, "geom", **shape, contype="1", conaffinity="2")
+    _element(world, "geom", **shape, contype="1", conaffinity="2")
 
 
 def _write_touching(model: Model, element: ElementTree.Element, node: int, place: str) -> None:
@@ -295,7 +296,7 @@ def _write_touching(model: Model, element: ElementTree.Element, node: int, place
         if contact.node == node:
             size, friction = repr(TOUCHING * float(model.bar_length.max(initial=1.0))), _words([contact.friction, 0.0, 0.0])
             shape = {"name": f"{model.node_names[node]}_touching", "type": "sphere", "size": size, "pos": place}
-            ElementTree.SubElement(element, "geom", **shape, friction=friction, contype="2", conaffinity="1")
+            _element(element, "geom", **shape, friction=friction, contype="2", conaffinity="1")
 
 
 # --- start velocities ------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from .ntrt_tree import Builder, Node, Pair, Reader
 DECIMETRE = 0.1
 #: Classes of builders with their parameters and what these are where nothing is said; None: of controllers, motors, contact.
 _CONTACT = {"friction": None, "roll_friction": None, "restitution": None}
-_CABLE = {"stiffness": 1000.0, "damping": 10.0, "pretension": 0.0}
+_CABLE: dict[str, float | None] = {"stiffness": 1000.0, "damping": 10.0, "pretension": 0.0}
 _CABLE |= dict.fromkeys(("history", "max_tension", "target_velocity", "min_actual_length", "min_rest_length", "rotation"))
 _EDGES = dict.fromkeys(("moveCablePointAToEdge", "moveCablePointBToEdge"))
 _MOTOR = dict.fromkeys(("radius", "motor_friction", "motor_inertia", "back_drivable"))
@@ -68,7 +68,8 @@ class _Scene:
     def __init__(self, path: Path, unit: float, said: dict[str, Builder]):
         self.path, self.unit, self.said = path, unit, said
         self.builders = {tag: Builder(kind, {}, path) for tag, kind in USUAL.items()} | said
-        self.names, self.named = Names(), {}
+        self.names = Names()
+        self.named: dict[int, str] = {}
         self.bars: list[tuple[int, int, float]] = []
         self.strings: list[tuple[int, int, Builder]] = []
         self.masses: dict[int, float] = {}
@@ -159,7 +160,8 @@ class _Scene:
         return {"nodes": [self.named[first], self.named[second]], "mass": mass}
 
     def _string_tables(self) -> dict[str, Any]:
-        strings, tension = {}, {}
+        strings: dict[str, Any] = {}
+        tension: dict[str, float] = {}
         for at, (first, second, builder) in enumerate(self.strings, 1):
             name = self.names.take(f"s{at}", "string")
             strings[name] = {"nodes": [self.named[first], self.named[second]]}

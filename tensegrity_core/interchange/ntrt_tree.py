@@ -124,8 +124,8 @@ class Reader:
             raise InputError(f"{path}: makes more than {MOST_NODES} nodes with the files before it; use fewer")
         for tags, pairs in table(path, "pair_groups", root.get("pair_groups")).items():
             for at, pair in enumerate(couples(path, f"pair_groups.{tags}", pairs), 1):
-                ends = [_node(path, f"pair_groups.{tags}[{at}]", found, name) for name in pair]
-                found.pairs.append(Pair(frozenset(tags.split()), *ends, path))
+                first, second = (_node(path, f"pair_groups.{tags}[{at}]", found, name) for name in pair)
+                found.pairs.append(Pair(frozenset(tags.split()), first, second, path))
         for one, inner in table(path, "bond_groups", root.get("bond_groups")).items():
             for other, pairs in table(path, f"bond_groups.{one}", inner).items():
                 self._bonds(found, path, one, other, pairs)
@@ -169,8 +169,8 @@ class Reader:
                 _join(self, found, path, place, tags, ends, couples(path, place, pairs))
                 continue
             for pair in couples(path, place, pairs):
-                nodes = [_node(path, place, structure, name) for structure, name in zip(ends, pair)]
-                found.pairs.append(Pair(frozenset((*tags.split(), first, second)), *nodes, path))
+                begin, end = (_node(path, place, structure, name) for structure, name in zip(ends, pair))
+                found.pairs.append(Pair(frozenset((*tags.split(), first, second)), begin, end, path))
 
 
 def _place(found: Structure, path: Path, children: dict[str, Any]) -> None:
@@ -216,7 +216,8 @@ def _join(reader: Reader, found: Structure, path: Path, place: str, tags: str, e
     if len(pairs) < 3:
         raise InputError(f"{path}: {place} has {len(pairs)} pairs of a node and an edge; give three at least")
     middles: tuple[list, list] = ([], [])
-    nodes, edges = [], []
+    nodes: list[list[Node]] = []
+    edges: list[list[Node]] = []
     for pair in pairs:
         if ("/" in pair[0]) == ("/" in pair[1]):
             raise InputError(f"{path}: {place}: {' and '.join(pair)} are not a node and an edge; write as in [top, left/right]")

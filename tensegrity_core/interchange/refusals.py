@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ..errors import InputError
 from ..model import Model
 
@@ -11,7 +13,10 @@ MOST_NAMES = 6
 def require_springs(model: Model, what: str, *more: str) -> None:
     """Raises InputError with all of it where a string is more than a spring with a linear damper, or where more is named."""
     found = list(more)
-    kinds = {"NSH": model.honeycombs, "force law": {i: one for i, one in enumerate(model.element) if one}}
+    kinds: dict[str, Iterable[int]] = {
+        "NSH": model.honeycombs,
+        "force law": {i: one for i, one in enumerate(model.element) if one},
+    }
     if model.string_mass_matrix != "lumped" and model.massive_strings:
         kinds["consistent mass"] = dict.fromkeys(model.massive_strings)
     kinds["damper"] = {i: one for i, one in enumerate(model.damper) if one}
