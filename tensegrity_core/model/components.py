@@ -102,13 +102,15 @@ def _places(field: Field, model: Model) -> tuple:
 
 
 def spread(field: Field, model: Model, flat: np.ndarray) -> np.ndarray:
-    """Flat values (rows, n) in a result's shape; vectors are zero at the other nodes, and positions keep the scene's coordinate
-    along an axis that it does not use."""
+    """Flat values (rows, n) in a result's shape; vectors are zero at the other nodes and where an output is no variable, and
+    positions keep the scene's coordinate along an axis that it does not use."""
     if "D" not in field.shape:
         return flat if field.shape else flat[:, 0]
     full, places = np.zeros((len(flat), *full_shape(field, model))), _places(field, model)
     if field.compared == "position":
         full[:] = model.nodes
+    if field.role == "output" and not (has := present(field, model)).all():
+        flat = np.where(has, flat, 0.0)
     full[places] = flat.reshape(full[places].shape)
     return full
 

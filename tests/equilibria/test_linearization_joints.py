@@ -20,7 +20,7 @@ from tensegrity_core.reference.structure import Structure
 from tests.equilibria.test_linearization import about_rest, require_same
 from tests.support import changed, scene
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, built
-from tests.support.jointed_scenes import random_joints
+from tests.support.jointed_scenes import SLIDER, random_joints
 
 STRUCTURES = ("motes_double_pendulum", "stedy_ball", "stedy_dbar", "tsg_dbar3d")
 CLASS_1 = {"two_bar": None, "three_bar": None, "laboratory": LABORATORY, "pendulum": PENDULUM, "winch": MAST, "afloat": AFLOAT}
@@ -192,26 +192,6 @@ def test_the_references_differences_with_moved_axes():
     model = built(SLIDER)
     assert model.redundant.any() == False and len(model.moving) == 2  # noqa: E712
     require_the_references_differences(model, *in_motion(model, 3))
-
-
-SLIDER = {
-    "name": "slider",
-    "start": "released",
-    "fixed": ["n1", "n2.y", "n2.z", "n5"],
-    "moving": ["n2.z", "n5.x"],
-    "nodes": {"n1": [0, 0, 1.2], "n2": [0.9, 0, 0.1], "n3": [1.6, 0.2, 0.8], "n4": [1.5, 0.9, 0.2], "n5": [2.6, 0, 0.4]},
-    "point_masses": {"n4": 0.5},
-    "bars": {
-        "b1": {"nodes": ["n2", "n3"], "mass": 1.0},
-        "b2": {"nodes": ["n3", "n4"], "mass": 0.7},
-        "b3": {"nodes": ["n3", "n5"], "mass": 0.4},
-    },
-    "strings": {
-        "s1": {"nodes": ["n1", "n2"], "stiffness": 90.0, "damping": 2.0},
-        "s2": {"nodes": ["n4", "n1"], "stiffness": 60.0, "damping": 1.0},
-    },
-    "prestress": {"rest_length": {"s1": 1.2, "s2": 1.4}},
-}
 
 
 def test_no_linear_system_where_lengths_allow_the_first_order_only():

@@ -8,6 +8,26 @@ import numpy as np
 from tensegrity_core.model import Inputs, Model, grid
 from tests.support import by_hand
 
+#: Nodes that are fixed and moved along single axes: one slides along x and is shaken along z, another is pulled along x.
+SLIDER = {
+    "name": "slider",
+    "start": "released",
+    "fixed": ["n1", "n2.y", "n2.z", "n5"],
+    "moving": ["n2.z", "n5.x"],
+    "nodes": {"n1": [0, 0, 1.2], "n2": [0.9, 0, 0.1], "n3": [1.6, 0.2, 0.8], "n4": [1.5, 0.9, 0.2], "n5": [2.6, 0, 0.4]},
+    "point_masses": {"n4": 0.5},
+    "bars": {
+        "b1": {"nodes": ["n2", "n3"], "mass": 1.0},
+        "b2": {"nodes": ["n3", "n4"], "mass": 0.7},
+        "b3": {"nodes": ["n3", "n5"], "mass": 0.4},
+    },
+    "strings": {
+        "s1": {"nodes": ["n1", "n2"], "stiffness": 90.0, "damping": 2.0},
+        "s2": {"nodes": ["n4", "n1"], "stiffness": 60.0, "damping": 1.0},
+    },
+    "prestress": {"rest_length": {"s1": 1.2, "s2": 1.4}},
+}
+
 
 def random_joints(seed: int) -> Model:
     """At rest, or turning as a whole where nothing is fixed."""

@@ -10,9 +10,8 @@ from fmu_src.validation.sensitivity import disturbed, idle_strings
 from tensegrity_core import reference
 from tensegrity_core.equilibria.jointed import movable
 from tensegrity_core.model import grid, held
-from tests.equilibria.test_linearization_joints import SLIDER
 from tests.support.driven_scenes import built
-from tests.support.jointed_scenes import random_joints
+from tests.support.jointed_scenes import SLIDER, random_joints
 
 
 @pytest.mark.parametrize("seed", [0, 3, 6, 9])

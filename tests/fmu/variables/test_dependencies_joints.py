@@ -15,9 +15,8 @@ from tensegrity_core.fields import FIELDS, outputs
 from tensegrity_core.model import Inputs
 from tensegrity_core.model.components import flattened, named, spread
 from tensegrity_core.model.inputs import INPUTS, starts
-from tests.equilibria.test_linearization_joints import SLIDER
 from tests.support.driven_scenes import built
-from tests.support.jointed_scenes import random_joints
+from tests.support.jointed_scenes import SLIDER, random_joints
 
 #: Parameters of which the reference can be asked, and the arrays of the model that hold them.
 PARAMETERS = ("stiffness", "damping", "gravity", "drag", "bar_mass", "point_mass")

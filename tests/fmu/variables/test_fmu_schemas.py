@@ -28,7 +28,7 @@ from tensegrity_core.fields import FIELDS
 from tensegrity_core.kernel import LIBRARY, Kernel
 from tensegrity_core.model import Model
 from tensegrity_core.scene import builtin_scenes
-from tests.support import driven_scenes, element_scenes, scene
+from tests.support import driven_scenes, element_scenes, jointed_scenes, scene
 from tests.support.words import words
 
 SCHEMAS = {
@@ -61,13 +61,16 @@ def schema(name: str) -> etree.XMLSchema:
 
 
 def models() -> Iterator[Model]:
-    """The built-in scenes, scenes with drives, with every element, and detached actuators with what they leave behind."""
+    """The built-in scenes, scenes with drives, with every element, with joints, and detached actuators with what they leave
+    behind."""
     yield from map(scene, builtin_scenes())
     for found in map(driven_scenes.built, DRIVEN.values()):
         yield found
         bare, actuators = detached(found)
         yield from ([bare, *actuators.values()] if actuators else [])
     yield from map(element_scenes.mast, element_scenes.STRINGS)
+    yield driven_scenes.built(jointed_scenes.SLIDER)
+    yield from map(jointed_scenes.random_joints, (3, 9))
 
 
 def files_of(
