@@ -23,7 +23,7 @@ from .equations import diagonal
 from .moved import path
 
 #: Deflection of a bristle, m, below which round-off and tolerances decide on its direction.
-SHORT = 1e-12
+SHORT = 1e-10
 APART, STICKING, SLIPPING, CLIPPED = range(len(CONTACT_MODES))
 
 
