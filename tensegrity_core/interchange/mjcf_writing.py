@@ -64,6 +64,8 @@ def document(model: Model, step: float = STEP, integrator: str = "implicit") -> 
         f"{model.node_names[node]}, which is fixed along some axes only, on a body that is held elsewhere" for node in sliding
     ]
     found += [f"the drag of {', '.join(model.node_names[node] for node, _ in model.drag)}"] if model.drag else []
+    if model.string_mass_matrix != "lumped" and model.massive_strings:
+        found.append(f"the consistent mass of {', '.join(model.string_names[i] for i in model.massive_strings)}")
     require_springs(model, "MJCF", *found)
     root = ElementTree.Element("mujoco", model=model.name)
     _element(root, "compiler", autolimits="true", inertiafromgeom="false")

@@ -17,8 +17,6 @@ def require_springs(model: Model, what: str, *more: str) -> None:
         "NSH": model.honeycombs,
         "force law": {i: one for i, one in enumerate(model.element) if one},
     }
-    if model.string_mass_matrix != "lumped" and model.massive_strings:
-        kinds["consistent mass"] = dict.fromkeys(model.massive_strings)
     kinds["damper"] = {i: one for i, one in enumerate(model.damper) if one}
     for kind, strings in kinds.items():
         names = [model.string_names[i] for i in strings]
