@@ -36,8 +36,8 @@ class Group(NamedTuple):
 
 def groups(model: Model) -> tuple[Group, ...]:
     """Every bar's group, in the order of their first bars."""
-    count, fixed = len(model.bars), model.held.all(axis=1)
-    bar, end = np.nonzero(~np.asarray(fixed)[model.bars])  # an end that moves joins the bar to its node
+    count, fixed = len(model.bars), np.asarray(model.held.all(axis=1))
+    bar, end = np.nonzero(~fixed[model.bars])  # an end that moves joins the bar to its node
     first, second = [bar], [count + model.bars[bar, end]]
     for weld in model.welds:
         first.append(np.full(len(weld) - 1, weld[0]))

@@ -67,8 +67,8 @@ class Structure:
         self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + carried)
         self.laws, self.slack = laws.curved_laws(model), laws.slack_branches(model)
         self.dampers = tuple((j, laws.damping(damper)) for j, damper in enumerate(model.damper) if damper is not None)
-        ends = [() if two_way else (0.0,) for two_way in model.two_way]
-        self.breakpoints = [self.laws[j].breakpoints if j in self.laws else ends[j] for j in range(len(model.strings))]
+        breaks: list[tuple[float, ...]] = [() if two_way else (0.0,) for two_way in model.two_way]
+        self.breakpoints = [self.laws[j].breakpoints if j in self.laws else one for j, one in enumerate(breaks)]
         self.two_way = model.two_way.astype(float)
         self.least = np.where(model.two_way, -np.inf, 0.0).tolist()
 

@@ -170,7 +170,8 @@ def _check_members(scene: Scene) -> None:
         if all(node in fixed for node in bar.nodes) and not any(node in moved for node in bar.nodes):
             problem = "both ends are fixed, so the bar cannot move"
             raise scene.error(f"bars.{name}.nodes", problem, "Free one end, or leave the bar out.")
-    massed = {node for member in (*scene.bars.values(), *scene.strings.values()) if member.mass > 0.0 for node in member.nodes}
+    massed = {node for bar in scene.bars.values() if bar.mass > 0.0 for node in bar.nodes}
+    massed |= {node for string in scene.strings.values() if string.mass > 0.0 for node in string.nodes}
     for node in scene.nodes:
         if node in massed or node in fixed or scene.point_masses.get(node):
             continue
