@@ -43,7 +43,14 @@ FLOORS = (
     ("fmu_src.build", "fmu_src.doctor", "fmu_src.run"),
     ("benchmarks", "benchmarks.harness"),
     ("benchmarks.peers",),
-    ("benchmarks.stability", "benchmarks.article", "benchmarks.speed", "benchmarks.work_precision", "benchmarks.importers"),
+    (
+        "benchmarks.stability",
+        "benchmarks.article",
+        "benchmarks.speed",
+        "benchmarks.work_precision",
+        "benchmarks.importers",
+        "benchmarks.ground",
+    ),
     ("benchmarks.coupling", "benchmarks.exchange"),
     ("benchmarks.redraw",),
 )
