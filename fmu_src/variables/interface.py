@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, Field
+from tensegrity_core.fields import FIELDS, INTEGER_FIELDS, METHODS, POSITIVE, Field
 from tensegrity_core.kernel import Kernel
 from tensegrity_core.laws import string_law
 from tensegrity_core.model import Model
@@ -194,7 +194,15 @@ def _limits(field: Field, component: dict, model: Model) -> tuple[float | int | 
         return 0, component["beams"]
     if field.name == "method":
         return 0, len(METHODS) - 1
+    if field.name == "point_mass" and _bears_all(model, model.node_names.index(component["P"])):
+        return POSITIVE, field.high
     return field.low, field.high
+
+
+def _bears_all(model: Model, node: int) -> bool:
+    """Whether a node that can move is on bars without mass only."""
+    bars = (model.bars == node).any(axis=1)
+    return bool(bars.any() and not model.bar_mass[bars].any() and not model.fixed[node])
 
 
 def _nominal(field: Field, start: float | None, model: Model) -> float:

@@ -9,9 +9,9 @@ from tensegrity_core.fields import FIELDS, Field
 
 
 class Unit(NamedTuple):
-    """base: exponents of the base units; quantity: what it measures, called as in the Modelica Standard Library where it has it;
-    shown: units in which people read it, and the factor from this one; by_default: whether values are shown in the first of these
-    unless the user chooses another."""
+    """base: exponents of the base units; quantity: what it measures, called as in the Modelica Standard Library where it has
+    it; shown: units in which people read it, and the factor from this one; by_default: whether values are shown in the first of
+    these unless the user chooses another."""
 
     base: dict[str, int]
     quantity: str | None

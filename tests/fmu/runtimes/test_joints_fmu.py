@@ -145,6 +145,12 @@ def test_redundant_bars_and_bars_without_mass_say_so():
     for name, redundant, mass in zip(model.bar_names, model.redundant, model.bar_mass):
         assert ("least norm" in rows[f"{name}.force"].description) == redundant
         assert (f"{name}.mass" in rows) == (mass > 0.0)
+    bare = random_joints(0)  # nodes that have nothing but their point masses
+    least = {node: row.min for row in variables(bare) for node in bare.node_names if row.name == f"{node}.mass"}
+    massive = {bare.node_names[node] for ends, mass in zip(bare.bars, bare.bar_mass) if mass for node in ends}
+    on_bars = {bare.node_names[node] for node in bare.bars.ravel()}
+    assert any(low > 0.0 for low in least.values())
+    assert all((low > 0.0) == (node in on_bars - massive) for node, low in least.items())
 
 
 def test_partial_derivatives_are_neither_declared_nor_given(tmp_path):
