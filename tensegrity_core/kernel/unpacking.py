@@ -12,10 +12,11 @@ import numpy as np
 from ..errors import InputError
 from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, size
 from ..model.elements import KINDS, Element, Parallel, Series
+from ..model.ground import Contact, Ground
 from ..model.model import NSH, Actuator, Model
 from ..model.strength import Section
 from .joints import unpacked_joints
-from .packing import MAGIC, SERIES_LAWS, fnv1a
+from .packing import GROUND_LAWS, MAGIC, SERIES_LAWS, fnv1a
 
 #: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs, of routes, of shares, of
 #: strings that push, and of the joints.
@@ -57,7 +58,7 @@ def from_bytes(
     program = ints.take(sizes["ints"]).tolist()
     routes = _routes(ints.take(sizes["route_ints"]).tolist())
     sharing, pushing = ints.take(2 * sizes["shares"]).reshape(-1, 2), ints.take(sizes["two_way"])
-    ints.take(counts["K"] + (counts["K"] > 0))
+    touching = ints.take(counts["K"] + (counts["K"] > 0)).tolist()
     joints = unpacked_joints(ints.take(sizes["joints"]).tolist(), moving, tuple(axes))
     ints.at += -(ints.at - 8) % 8
     doubles = np.frombuffer(packed, "<f8", (len(packed) - 8 - ints.at) // 8, ints.at)
@@ -68,6 +69,7 @@ def from_bytes(
     numbers = _take(parts, sizes["doubles"]).tolist()
     start = {field.name: _take(parts, size(field, counts)) for field in FIELDS if field.role != "output"}
     shares = [(heavy[n], node, share) for (n, node), share in zip(sharing.tolist(), _take(parts, sizes["shares"]).tolist())]
+    plane = _take(parts, 2 * D if touching else 0).reshape(-1, D)
     string_mass, two_way = np.zeros(S), np.isin(np.arange(S), pushing)
     string_mass[heavy] = start["string_mass"]
     springs = {"Q": iter(start["nsh_Q"].tolist()), "zeta": iter(start["nsh_zeta"].tolist()), "h": iter(start["nsh_h"].tolist())}
@@ -113,10 +115,27 @@ def from_bytes(
         routes=routes,
         string_mass=string_mass,
         two_way=two_way,
+        ground=_ground(plane, tuple(axes), counts, touching),
+        contacts=_contacts(touching[:-1], start),
         **joints._asdict(),
     )
     vars(found)["string_mass_shares"] = tuple(shares)  # by the scene's coordinates, which are not packed
     return found
+
+
+def _ground(plane: np.ndarray, axes: tuple[int, ...], counts: dict[str, int], touching: list[int]) -> Ground | None:
+    """plane: (2, D) point and normal, or nothing; touching: nodes, and at the end the law's place."""
+    if not touching:
+        return None
+    point, normal = np.zeros((2, 3))
+    point[list(axes)], normal[list(axes)] = plane
+    return Ground(tuple(point.tolist()), tuple(normal.tolist()), counts["W"] > 0, GROUND_LAWS[touching[-1]])
+
+
+def _contacts(nodes: list[int], start: dict[str, np.ndarray]) -> tuple[Contact, ...]:
+    numbers = ("stiffness", "damping", "tangential_stiffness", "friction")
+    rows = zip(*(start[f"contact_{name}"].tolist() for name in numbers))
+    return tuple(Contact(node, *row) for node, row in zip(nodes, rows))
 
 
 def _routes(ints: list[int]) -> tuple[tuple[int, tuple[int, ...]], ...]:

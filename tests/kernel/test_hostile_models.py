@@ -20,6 +20,7 @@ from tests.support import scene
 from tests.support.driven_scenes import LABORATORY, RATED, built
 from tests.support.element_scenes import mast
 from tests.support.rigged_scenes import RIGGED
+from tests.support.touching import lying, moving, thrown
 from tests.support.words import words
 
 WHOLE = (-(2**31), -(10**6), -2, -1, 0, 1, 2, 3, 7, 100, 65536, 10**6, 10**6 + 1, 2**30, 2**31 - 1)
@@ -37,6 +38,7 @@ def checked(body: bytes) -> bytes:
 
 def packed() -> list[bytes]:
     models = [scene("two_bar"), scene("three_bar_nsh"), built(LABORATORY), built(RATED), built(RIGGED)]
+    models += [moving(thrown()), lying(0.3, 0.3, planar=True)]
     models += [mast(name) for name in ("memory", "cells", "nested", "smooth", "valve", "hardening")]
     return [to_bytes(model) for model in models]
 

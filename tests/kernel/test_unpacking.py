@@ -12,6 +12,7 @@ from tensegrity_core.scene import builtin_scenes
 from tests.support import element_scenes, scene
 from tests.support.driven_scenes import AFLOAT, LABORATORY, MAST, PENDULUM, RATED, built
 from tests.support.rigged_scenes import RIGGED
+from tests.support.touching import lying, moving, thrown
 
 SCENES = {"pendulum": PENDULUM, "afloat": AFLOAT, "mast": MAST, "laboratory": LABORATORY, "rated": RATED, "rigged": RIGGED}
 
@@ -25,6 +26,7 @@ def models():
     yield from map(scene, builtin_scenes())
     yield from map(built, SCENES.values())
     yield from map(element_scenes.mast, element_scenes.STRINGS)
+    yield from (moving(thrown()), lying(0.3, 0.3, planar=True))
 
 
 def test_models_come_back_and_pack_to_the_same_bytes():
@@ -44,6 +46,8 @@ def test_models_come_back_and_pack_to_the_same_bytes():
             "moving",
             "drag",
             "strength",
+            "ground",
+            "contacts",
         ):
             assert getattr(back, name) == getattr(model, name), (model.name, name)
         np.testing.assert_array_equal(back.nodes[:, list(model.axes)], model.nodes[:, list(model.axes)])

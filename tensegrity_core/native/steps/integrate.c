@@ -324,10 +324,13 @@ typedef struct {
     double from;   /* s, where the call was when it began */
 } budget;
 
+/* What a right-hand side takes, in that unit; a contact about as much as four strings. */
+static double parts_of(const ts_model *m) { return 1.0 + m->count[TS_S] + m->count[TS_B] + 4.0 * m->count[TS_K]; }
+
 static double work_done(const ts_sim *sim)
 {
     const int64_t *done = sim->memory.stats;
-    double parts = 1.0 + sim->m.count[TS_S] + sim->m.count[TS_B], attempts = (double)(done[TS_STEPS] + done[TS_REJECTED]);
+    double parts = parts_of(&sim->m), attempts = (double)(done[TS_STEPS] + done[TS_REJECTED]);
     double solved =
         14.0 * parts * (double)done[TS_JACOBIANS] + 8.0 * sim->linear.pattern.entries * (double)done[TS_FACTORISATIONS];
     return parts * ((double)done[TS_RHS] + 4.0 * attempts) + solved + 4.0 * (double)sim->call.looks;
@@ -409,8 +412,7 @@ int ts_integrate(ts_sim *sim, double end, int may_run_ahead)
     sim->call.may_run_ahead = may_run_ahead;
     sim->call.kicked = !may_run_ahead && !(methods[memory->active]->flags & (TS_IMPLICIT | TS_FIXED_STEP));
     budget b = {work_done(sim), PORTION, 0.0};
-    if ((double)p.grid * (1.0 + sim->m.count[TS_S] + sim->m.count[TS_B]) > 0.125 * PORTION * portions(end))
-        return fail(sim, TS_WORK_LIMIT);
+    if ((double)p.grid * parts_of(&sim->m) > 0.125 * PORTION * portions(end)) return fail(sim, TS_WORK_LIMIT);
     sim->call.most = p.longest;
     if (!(memory->h_next > LEAST_STEP * end)) memory->h_next = 0.0; /* a call so much shorter says nothing of this one */
     sim->call.h_before = memory->h_next;
