@@ -86,7 +86,7 @@ def idle_strings(result: Result, inputs: Inputs, size: float) -> frozenset[int]:
     return frozenset(np.flatnonzero(off.max(axis=0, initial=0.0) <= size).tolist())
 
 
-def _moved(base: Result, runs: list[Result]):
+def _moved(base: Result, runs: list[Result]) -> tuple[tuple, tuple]:
     """`shifts` and `loose` of a Spread."""
     shifts = dict.fromkeys(base.transitions, 0.0)
     loose = []

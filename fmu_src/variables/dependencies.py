@@ -113,7 +113,7 @@ class Places:
 
     def _movers(self) -> dict[int, tuple[int, ...]]:
         moving, bars = self.model.moving, self.model.bars.tolist()
-        found = {node: (i,) for i, node in enumerate(moving)}
+        found: dict[int, tuple[int, ...]] = {node: (i,) for i, node in enumerate(moving)}
         for b, (first, second) in enumerate(bars):
             for node, other in ((first, second), (second, first)):
                 if node in moving and b not in self.group_of:

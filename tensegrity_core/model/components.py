@@ -69,7 +69,7 @@ def present(field: Field, model: Model) -> np.ndarray:
     if field.shape[-1:] != ("D",) or field.shape[0] not in along:
         return np.ones(size(field, model.counts), dtype=bool)
     nodes, has = along[field.shape[0]]
-    return has[np.ix_(nodes, model.axes)].ravel()
+    return has[np.array(nodes, dtype=int)][:, model.axes].ravel()
 
 
 def flat(name: str) -> str:

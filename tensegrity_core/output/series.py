@@ -58,9 +58,9 @@ def dataset(model: Model, result: Result, **attributes: Any) -> xr.Dataset:
         for name, place in named(field, model).items():
             variables[name] = ("time", np.ascontiguousarray(values[:, place]), told)
     for name, part in TRANSITION.items():
-        values = [t.name(model) if name == "string" else getattr(t, name) for t in result.transitions]
+        found = [t.name(model) if name == "string" else getattr(t, name) for t in result.transitions]
         told = {"long_name": part.meaning} | ({"units": part.unit} if part.unit else {})
-        variables[f"transition.{name}"] = ("transition", np.array(values, dtype=part.kind), told)
+        variables[f"transition.{name}"] = ("transition", np.array(found, dtype=part.kind), told)
     times = {"time": ("time", result.times, {"units": "s", "long_name": "time"})}
     known = {"scene": model.name, "description": model.description, "version": __version__, **attributes}
     known |= {f"statistics.{name}": int(count) for name, count in result.stats.items()}

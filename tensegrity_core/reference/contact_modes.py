@@ -33,7 +33,7 @@ def changed(contacts: Contacts, change: np.ndarray, touching: Touching, slipping
     gap, mode = contacts.gaps(touching, slipping), touching.mode.copy()
     leaving = change[0] | ((gap[0] <= TOGETHER[0]) & (touching.rate < 0.0))
     closing = change[1] | (gap[1] <= TOGETHER[1])
-    for i in np.flatnonzero(change.any(axis=0)):
+    for i in np.flatnonzero(change.any(axis=0)).tolist():
         if mode[i] == APART:
             mode[i] = entered(contacts, i, touching, slipping)
         elif leaving[i]:
@@ -59,7 +59,7 @@ def pressed(contacts: Contacts, touching: Touching, slipping: Slipping) -> np.nd
     new = (touching.mode == APART) | (touching.mode == CLIPPED)
     mode = np.where(new, np.where(contacts.mu > 0.0, STICKING, SLIPPING), touching.mode)
     mode = np.where(presses, np.where(pushes, mode, CLIPPED), APART)
-    for i in np.flatnonzero(presses & pushes & (depth <= near)):
+    for i in np.flatnonzero(presses & pushes & (depth <= near)).tolist():
         mode[i] = entered(contacts, i, touching, slipping)
     return mode
 

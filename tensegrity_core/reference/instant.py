@@ -10,7 +10,6 @@ import numpy as np
 from ..model import Inputs
 from ..model.inputs import INPUTS
 from . import motors as actuator
-from .contact import Slipping, Touching
 from .equations import bar_force_density, damping_tension, diagonal, elastic_tension, lengths, string_motion
 from .joints import Joints
 from .structure import Structure
@@ -99,8 +98,8 @@ class Motion(NamedTuple):
     F: np.ndarray
     ground: Any
     winding: np.ndarray
-    touching: Touching | None = None
-    slipping: Slipping | None = None
+    touching: Any = None  # Touching
+    slipping: Any = None  # Slipping
 
 
 def rest_lengths(s: Structure, load: Load, t: float, winding):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .. import laws
@@ -61,7 +63,7 @@ class Structure:
         self.held = self.fixed if self.joints is None else self.joints.held
         self.moved, self.motors = moved_nodes(model, self.M), motors_of(model)
         self.moved_axes = model.moved[self.moved.nodes].T.astype(float)
-        self.contacts = Contacts(model) if model.contacts else None
+        self.contacts: Any = Contacts(model) if model.contacts else None
         self.in_plane = np.zeros((3, 1))
         self.in_plane[list(model.axes)] = 1.0
         self.weight = model.g[:, None] * (model.bar_mass.dot(C_r) + carried)

@@ -100,12 +100,12 @@ def _require_rates(scene: Scene, model: Model) -> None:
     for node, value in model.drag:
         if inertia[node] > 0.0 and value / inertia[node] > FASTEST_DECAY:
             _too_fast(scene, model, owner[node], node, "the drag there", value, "N s/m")
-    for motor, name in {
+    for motor, winder in {
         (motor, scene.strings[model.string_names[i]].actuator) for i, motor in enumerate(model.actuator) if motor
     }:
         if motor.damping / motor.inertia > FASTEST_DECAY:
             raise scene.error(
-                f"actuators.{name}.inertia",
+                f"actuators.{winder}.inertia",
                 f"is too small beside the damping, {motor.damping:.3g} N m s",
                 "Raise the inertia, or lower the damping.",
             )

@@ -5,7 +5,6 @@ Every model in a copy of NTRTsim: ``python -m tests.interchange.test_ntrt FOLDER
 
 from __future__ import annotations
 
-import sys
 from math import pi
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from tensegrity_core import kernel, reference
 from tensegrity_core.cli import main
 from tensegrity_core.errors import InputError, TensegrityError
 from tensegrity_core.model import grid, held
+from tests.support.words import words
 
 PRISM = """
 nodes:
@@ -80,13 +80,13 @@ def test_a_prism_in_numbers(tmp_path):
                                                   - model.rest_length), 150.0, rtol=1e-12)  # fmt: skip
     assert (model.damping_law, model.gravity, model.fixed.any()) == ("tension_only", 9.81, np.False_)
     told = "\n".join(found.notes)
-    for words in (
+    for said in (
         "'low a' is low_a",
         "1 nodes that nothing is built on",
         "friction, max_tension",
         "1 pairs with the tags 'wish'",
     ):
-        assert words in told
+        assert said in told
     again = tc.load(found.save(tmp_path / "prism.toml"))
     assert again == model and (tmp_path / "prism.toml").read_text(encoding="utf-8").startswith(
         "# Lengths of 1 were read as 0.1"
@@ -250,7 +250,8 @@ def test_many_structures_of_few_lines_are_bounded(tmp_path):
 
 if __name__ == "__main__":
     failed = total = 0
-    for place in sorted(Path(sys.argv[1]).rglob("*.yaml")):
+    (folder,) = words(__doc__, str)
+    for place in sorted(Path(folder).rglob("*.yaml")):
         try:
             message = "; ".join(note for note in tc.import_scene(place).notes if note.startswith("It cannot start"))
         except TensegrityError as failure:

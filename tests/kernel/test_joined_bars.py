@@ -4,7 +4,6 @@ Run as `python -m tests.kernel.test_joined_bars COUNT` it compares COUNT random 
 """
 
 import dataclasses
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from tensegrity_core.model import grid, held
 from tensegrity_core.scene import load_scene
 from tests.support import by_hand
 from tests.support.jointed_scenes import random_forces, random_joints
+from tests.support.words import words
 
 STRUCTURES = Path(__file__).parents[1] / "structures"
 TRAJECTORIES = ("motes_double_pendulum", "stedy_dbar", "stedy_ball", "tsg_jansen_leg")
@@ -157,6 +157,7 @@ def test_chain_pulled_straight():
 
 
 if __name__ == "__main__":
-    for number in range(int(sys.argv[1])):
+    (count,) = words(__doc__, int)
+    for number in range(count):
         compare(number, ("dop853", "radau9")[number % 2])
-    print(f"{sys.argv[1]} random structures agree")
+    print(f"{count} random structures agree")

@@ -216,6 +216,8 @@ SECTIONS = {
     "`[elements.NAME]`": "Element",
     "`[dampers.NAME]`": "Damper",
     "`[prestress]`": "Prestress",
+    "`[ground]`": "Ground",
+    "`[ground.at.NODE]`": "Contact",
 }
 
 

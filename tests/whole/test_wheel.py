@@ -122,7 +122,8 @@ def test_what_is_imported_is_declared():
         return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", requirement)[0]).lower()
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = {plain(text) for text in [*project["dependencies"], *project["optional-dependencies"]["parquet"]]}
+    extras = [text for extra in ("parquet", "ntrt", "mjcf") for text in project["optional-dependencies"][extra]]
+    declared = {plain(text) for text in [*project["dependencies"], *extras]}
     declared |= {plain(text) for name in list(declared) for text in metadata.requires(name) or [] if "extra ==" not in text}
     declared.add("hatchling")  # which builds the package itself
     distributions = metadata.packages_distributions()

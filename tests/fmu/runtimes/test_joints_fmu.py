@@ -28,6 +28,7 @@ from tensegrity_core.model import grid, held
 from tests.support.driven_scenes import built
 from tests.support.jointed_scenes import SLIDER, random_joints
 from tests.support.native_calls import DISCARD, MODEL_EXCHANGE, OK, Calls
+from tests.support.words import words
 
 #: A braced panel in the plane, hung up by strings: its six bars hold each other, and one has no mass.
 PANEL = {
@@ -170,7 +171,8 @@ def test_partial_derivatives_are_neither_declared_nor_given(tmp_path):
 
 if __name__ == "__main__":
     wrong = refused = 0
-    for seed in range(int(sys.argv[1])):
+    (count,) = words(__doc__, int)
+    for seed in range(count):
         model = random_joints(seed)
         if not model.joint:
             continue

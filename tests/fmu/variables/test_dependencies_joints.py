@@ -92,7 +92,7 @@ def test_lists_cover_moved_axes():
     """A start in motion whose nodes are moved along single axes."""
     model = built(
         SLIDER
-        | {"velocities": {"n2": [0.3, 0.0, 0.0]} | dict.fromkeys(("n3", "n4"), [0.3, 0.0, 0.0])}
+        | {"velocities": {"n2": [0.3, 0.0, 0.0]} | {key: [0.3, 0.0, 0.0] for key in ("n3", "n4")}}
         | {"moving": ["n2.z"]}
         | SLID
     )
