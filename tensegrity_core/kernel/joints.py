@@ -25,7 +25,8 @@ class Joints(NamedTuple):
 def packed_joints(model: Model) -> Joints:
     """What of a model is beyond bars that move by themselves."""
     bars = _joined_bars(model)
-    loose = {node for node, _ in model.partly_fixed} - set(model.bars.ravel().tolist())
+    links = [link for link in model.string_mass_links if not model.fixed[list(link[1:3])].all()]
+    loose = {node for node, _ in model.partly_fixed} | {node for link in links for node in link[1:3] if not model.fixed[node]}
     nodes = sorted({int(node) for node in np.unique(model.bars[bars]) if not model.fixed[node]} | loose)
     if not nodes and not model.moving_axes:
         return Joints([], [])
@@ -36,13 +37,17 @@ def packed_joints(model: Model) -> Joints:
     bars = bars if nodes else []
     welds = [number for weld in model.welds for number in (len(weld), *weld)]
     moved = [_mask(model, model.moved[node]) for node in model.moving]
-    ints = [len(bars), len(nodes), len(pairs), len(dropped), len(carried), len(moved), len(welds), *bars]
+    ints = [len(bars), len(nodes), len(pairs), len(dropped), len(carried), len(moved), len(welds), len(links), *bars]
     for node in nodes:
         ints += [node, _mask(model, model.held[node])]
     ints += [*pairs.ravel().tolist(), *dropped]
     for weld, node, _ in carried:
         ints += [node, len(weld.frame), *weld.frame]
-    return Joints(ints + moved + welds, [float(value) for _, _, places in carried for value in places])
+    heavy = {string: place for place, string in enumerate(model.massive_strings)}
+    for string, first, second, _ in links:
+        ints += [heavy[string], first, second]
+    doubles = [float(value) for _, _, places in carried for value in places] + [part for *_, part in links]
+    return Joints(ints + moved + welds, doubles)
 
 
 class Unpacked(NamedTuple):
@@ -51,19 +56,30 @@ class Unpacked(NamedTuple):
     partly_fixed: tuple[tuple[int, tuple[int, ...]], ...] = ()
     moving_axes: tuple[tuple[int, tuple[int, ...]], ...] = ()
     welds: tuple[tuple[int, ...], ...] = ()
+    string_mass_matrix: str = "lumped"
+
+
+def unpacked_links(ints: list[int], doubles: list[float], heavy: list[int]) -> tuple[tuple[int, int, int, float], ...]:
+    """(string, node, node, part) of strings whose mass moves like a bar's; heavy: the strings with mass."""
+    if not ints or not ints[7]:
+        return ()
+    end = len(ints) - ints[5] - ints[6]
+    rows = np.reshape(ints[end - 3 * ints[7] : end], (-1, 3)).tolist()
+    return tuple((heavy[place], *ends, part) for (place, *ends), part in zip(rows, doubles[len(doubles) - len(rows) :]))
 
 
 def unpacked_joints(ints: list[int], moving: list[int], axes: tuple[int, ...]) -> Unpacked:
     """What `packed_joints` made these integers of, with the model's moved nodes and axes."""
     if not ints:
         return Unpacked()
-    bars, nodes, _, _, _, moved, weld_ints = ints[:7]
-    held = [(node, _axes(mask, axes)) for node, mask in zip(*(iter(ints[7 + bars : 7 + bars + 2 * nodes]),) * 2)]
+    bars, nodes, _, _, _, moved, weld_ints, links = ints[:8]
+    held = [(node, _axes(mask, axes)) for node, mask in zip(*(iter(ints[8 + bars : 8 + bars + 2 * nodes]),) * 2)]
     masks = ints[len(ints) - weld_ints - moved : len(ints) - weld_ints]
     numbers, welds = iter(ints[len(ints) - weld_ints :]), []
     welds += [tuple(islice(numbers, count)) for count in numbers]
     single = tuple((node, _axes(mask, axes)) for node, mask in zip(moving, masks) if len(_axes(mask, axes)) < len(axes))
-    return Unpacked(tuple((node, along) for node, along in held if along), single, tuple(welds))
+    matrix = "consistent" if links else "lumped"
+    return Unpacked(tuple((node, along) for node, along in held if along), single, tuple(welds), matrix)
 
 
 def _axes(mask: int, axes: tuple[int, ...]) -> tuple[int, ...]:

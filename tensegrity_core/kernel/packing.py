@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 
-from ..errors import InputError
 from ..fields import COUNTS, DAMPING_LAWS, ELEMENTS, FIELDS, METHODS, size
 from ..model.components import flattened
 from ..model.elements import Damper, Element, Parallel, Series
@@ -106,25 +105,11 @@ class _Programs:
             self.doubles += value if isinstance(value, tuple) else [value] if isinstance(value, float) else []
 
 
-def unknown(model: Model) -> tuple[str, str] | None:
-    """What of a model the kernel does not know yet, the first of it in words, and what one can do; None where it knows all."""
-    for string, *_ in model.string_mass_links:
-        return f"string {model.string_names[string]} has a consistent mass matrix", 'write string_mass_matrix = "lumped"'
-    return None
-
-
 def to_bytes(model: Model, method: str = "auto", tolerance: float = 1e-10, max_step: float = 0.0) -> bytes:
     """The model as the packed bytes that the kernel reads; the layout stands in native/model/packed.c.
 
-    method, tolerance, max_step: defaults of the fields of these names.  Raises InputError for what the kernel
-    does not know yet.
+    method, tolerance, max_step: defaults of the fields of these names.
     """
-    if (beyond := unknown(model)) is not None:
-        what, remedy = beyond
-        raise InputError(
-            f"{model.name}: {what}, which the kernel and FMUs cannot simulate yet; "
-            f"use tensegrity_core.reference.simulate, or {remedy}"
-        )
     axes = list(model.axes)
     counts = [model.counts[letter] for letter in COUNTS]
     z_axis = axes.index(2) if 2 in axes else -1

@@ -15,7 +15,7 @@ from ..model.elements import KINDS, Element, Parallel, Series
 from ..model.ground import Contact, Ground
 from ..model.model import NSH, Actuator, Model
 from ..model.strength import Section
-from .joints import unpacked_joints
+from .joints import unpacked_joints, unpacked_links
 from .packing import GROUND_LAWS, MAGIC, SERIES_LAWS, fnv1a
 
 #: Integers before the arrays: counts, damping law, method, local z axis, sizes of the programs, of routes, of shares, of
@@ -59,7 +59,8 @@ def from_bytes(
     routes = _routes(ints.take(sizes["route_ints"]).tolist())
     sharing, pushing = ints.take(2 * sizes["shares"]).reshape(-1, 2), ints.take(sizes["two_way"])
     touching = ints.take(counts["K"] + (counts["K"] > 0)).tolist()
-    joints = unpacked_joints(ints.take(sizes["joints"]).tolist(), moving, tuple(axes))
+    joined = ints.take(sizes["joints"]).tolist()
+    joints = unpacked_joints(joined, moving, tuple(axes))
     ints.at += -(ints.at - 8) % 8
     doubles = np.frombuffer(packed, "<f8", (len(packed) - 8 - ints.at) // 8, ints.at)
     parts = iter(doubles.tolist())
@@ -119,6 +120,9 @@ def from_bytes(
         contacts=_contacts(touching[:-1], start),
         **joints._asdict(),
     )
+    links = unpacked_links(joined, doubles[len(doubles) - sizes["places"] :].tolist(), heavy)
+    if links:
+        vars(found)["string_mass_links"] = links
     vars(found)["string_mass_shares"] = tuple(shares)  # by the scene's coordinates, which are not packed
     return found
 

@@ -21,7 +21,7 @@ from tests.support.jointed_scenes import random_forces, random_joints
 from tests.support.words import words
 
 STRUCTURES = Path(__file__).parents[1] / "structures"
-TRAJECTORIES = ("motes_double_pendulum", "stedy_dbar", "stedy_ball", "tsg_jansen_leg")
+TRAJECTORIES = ("motes_double_pendulum", "stedy_dbar", "stedy_ball", "tsg_jansen_leg", "tsg_dbar3d")
 
 
 def framed(nodes, fixed, bars, **fields):
@@ -95,6 +95,72 @@ def compare(seed, method):
     found = errors(result, reference.simulate(model, inputs))
     assert found["position"] < 1e-7 and max(found.values()) < 1e-5, (seed, found)
     assert off_lengths(model, result) < 1e-13, seed
+
+
+@pytest.mark.parametrize("seed", [3, 10])
+def test_strings_whose_mass_moves_like_a_bar(seed):
+    """With the consistent mass matrix: couples nodes that no bar joins."""
+    model = random_joints(seed)
+    mass = np.linspace(0.1, 0.6, len(model.strings))
+    model = dataclasses.replace(model, string_mass=mass, string_mass_matrix="consistent")
+    inputs = random_forces(model, seed)
+    assert max(errors(simulate(model, inputs), reference.simulate(model, inputs)).values()) < 1e-6
+    packed = kernel.to_bytes(model)
+    assert kernel.to_bytes(from_bytes(packed, model.node_names, model.bar_names, model.string_names, model.axes)) == packed
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moved_nodes(seed):
+    """Nodes that are fixed along some axes or all move with their bars and jump in velocity: positions, forces, energies."""
+    model = random_joints((3, 9, 10, 22)[seed])
+    moving = [int(node) for node in np.flatnonzero(model.held[:, model.axes].any(axis=1))]
+    single = [
+        (node, tuple(axes)) for node in moving if len(axes := [a for a in model.axes if model.held[node, a]]) < len(model.axes)
+    ]
+    model = dataclasses.replace(model, moving=moving, moving_axes=single)
+    inputs = random_forces(model, seed)
+    random = np.random.default_rng(seed)
+    place, speed = np.zeros((5, len(moving), 3)), np.zeros((5, len(moving), 3))
+    bend = random.normal(scale=2.0, size=place.shape)
+    for k in range(1, 5):
+        place[k] = place[k - 1] + 0.05 * speed[k - 1] + 0.5 * 0.05**2 * bend[k - 1]
+        speed[k] = speed[k - 1] + 0.05 * bend[k - 1] + (0.2 * random.normal(size=bend[k].shape) if k == 2 else 0.0)
+    inputs = dataclasses.replace(inputs, node_position=place + model.nodes[moving], node_velocity=speed, node_acceleration=bend)
+    found = errors(simulate(model, inputs), reference.simulate(model, inputs))
+    del found["velocity"]  # along the axes along which a node is moved the reference puts out none
+    assert max(found.values()) < 1e-6
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5p"])
+@pytest.mark.parametrize("seed", range(3))
+def test_flat_welded_bodies(seed, method):
+    """Straight and flat bodies, whose further nodes follow a frame."""
+    random = np.random.default_rng(seed)
+    flat = random.uniform(-1.0, 1.0, (5, 1 + seed % 2)) @ np.linalg.qr(random.normal(size=(3, 3)))[0][: 1 + seed % 2]
+    nodes = np.vstack((flat, [[0.3, 0.4, -1.5], [1.5, 1.0, 1.2]]))
+    bars = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5)]
+    model = by_hand(
+        nodes, [0, 6] if seed else [6], bars, [(6, 3), (6, 5)], welds=[(0, 1, 2, 3)], gravity=9.81, stiffness=300.0, damping=4,
+        rest_length=np.linalg.norm(nodes[[3, 5]] - nodes[6], axis=1) * 0.9, bar_mass=[1.0, 2.0, 0.5, 1.0, 0.7],
+    )  # fmt: skip
+    assert model.bodies[0].followers
+    inputs = held(model, grid(0.25, 0.05))
+    assert max(errors(simulate(model, inputs, method), reference.simulate(model, inputs)).values()) < 1e-6
+
+
+@pytest.mark.parametrize("seed", (10, 22))
+def test_saved_states(seed):
+    """A saved state goes on to the last bit, in another simulation too."""
+    sims = [kernel.Kernel(random_joints(seed)) for _ in range(2)]
+    for sim in sims:
+        sim.initialize()
+    for _ in range(5):
+        sims[0].step(0.01)
+    sims[1].restore(sims[0].save())
+    for sim in sims:
+        for _ in range(5):
+            sim.step(0.01)
+    np.testing.assert_array_equal(*(sim.state for sim in sims))
 
 
 @pytest.mark.parametrize("seed", range(12))

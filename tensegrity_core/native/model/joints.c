@@ -1,10 +1,11 @@
 /* What a packed model says of joints, and the layout that follows from it.
  *
  * Packed, int32: numbers of joined bars, joined nodes, distances that welds keep, ties that follow from others, followers,
- * masks of moved nodes, and of integers that say the welds; bars,
+ * masks of moved nodes, integers that say the welds, strings' masses that couple two nodes; bars,
  * rising; nodes, rising, of each the bits of the axes along which it is fixed; distances, of each two nodes; ties without a row of their own, rising, counted over bars and then distances; followers, of each the node, the
- * number of its frame's nodes, these; of each moved node the bits of the axes along which it is moved; welds, which are the
- * distances' and followers' reason, of each its number of bars, these; doubles: followers' places in their frames. */
+ * number of its frame's nodes, these; of each coupling mass its string among the M and the two nodes; of each moved node the bits of the axes along which it is moved; welds, which are the
+ * distances' and followers' reason, of each its number of bars, these; doubles: followers' places in their frames,
+ * parts of the strings' masses. */
 #include "model/joints.h"
 #include "invariants.h"
 #include "linear/pairs.h"
@@ -14,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { BARS, NODES, DISTANCES, DROPPED, FOLLOWERS, MOVED, WELDS, HEAD };
+enum { BARS, NODES, DISTANCES, DROPPED, FOLLOWERS, MOVED, WELDS, LINKS, HEAD };
 
 static int part(const ts_model *m, int which) { return m->packed.joint_ints ? m->packed.joint[which] : 0; }
 static const int32_t *bars_of(const ts_model *m) { return m->packed.joint + HEAD; }
@@ -22,6 +23,11 @@ static const int32_t *nodes_of(const ts_model *m) { return bars_of(m) + part(m, 
 static const int32_t *distances_of(const ts_model *m) { return nodes_of(m) + 2 * part(m, NODES); }
 static const int32_t *dropped_of(const ts_model *m) { return distances_of(m) + 2 * part(m, DISTANCES); }
 static const int32_t *followers_of(const ts_model *m) { return dropped_of(m) + part(m, DROPPED); }
+
+static const int32_t *links_of(const ts_model *m)
+{
+    return m->packed.joint + m->packed.joint_ints - part(m, WELDS) - part(m, MOVED) - 3 * part(m, LINKS);
+}
 
 /* Place of a number in a rising list with this stride, -1: none. */
 static int find(const int32_t *list, int count, int stride, int number)
@@ -88,7 +94,7 @@ static const char *check_followers(const ts_model *m, const int32_t *at, const i
         values += at[1];
         at += 2 + at[1];
     }
-    return at == end && values == m->packed.joint_doubles ? NULL : "the followers do not add up";
+    return at == end && values + part(m, LINKS) == m->packed.joint_doubles ? NULL : "the followers do not add up";
 }
 
 /* Check them, so that a damaged file cannot lead outside the arrays.  A reason, or NULL. */
@@ -101,10 +107,11 @@ const char *ts_check_joints(const ts_model *m)
     double needed = HEAD;
     for (int i = 0; i < HEAD; i++)
         if (p->joint[i] < 0 || p->joint[i] > p->joint_ints) return "a count of joints is out of range";
-    needed += p->joint[BARS] + p->joint[MOVED] + p->joint[WELDS] + 2.0 * p->joint[NODES] + 2.0 * p->joint[DISTANCES] +
-              p->joint[DROPPED];
+    needed += p->joint[BARS] + p->joint[MOVED] + p->joint[WELDS] + 3.0 * p->joint[LINKS] + 2.0 * p->joint[NODES] +
+              2.0 * p->joint[DISTANCES] + p->joint[DROPPED];
     if (needed > p->joint_ints || (p->joint[MOVED] && p->joint[MOVED] != m->count[TS_E])) return "the joints do not add up";
-    if (!p->joint[NODES] && (p->joint[BARS] || p->joint[DISTANCES] || p->joint[FOLLOWERS])) return "the joints do not add up";
+    if (!p->joint[NODES] && (p->joint[BARS] || p->joint[DISTANCES] || p->joint[FOLLOWERS] || p->joint[LINKS]))
+        return "the joints do not add up";
     if (!rising(bars_of(m), p->joint[BARS], 1, m->count[TS_B])) return "the joined bars are not in order";
     if (!rising(nodes_of(m), p->joint[NODES], 2, m->count[TS_N])) return "the joined nodes are not in order";
     if (!rising(dropped_of(m), p->joint[DROPPED], 1, p->joint[BARS] + p->joint[DISTANCES])) return "the joints do not add up";
@@ -124,7 +131,14 @@ const char *ts_check_joints(const ts_model *m)
     for (int i = 0; i < m->count[TS_B]; i++)
         for (int k = 0; k < 2; k++)
             if (!ts_is_joined(m, i) && ts_is_joined_node(m, p->bars[2 * i + k])) return "a joined node is on a bar that is not";
-    return check_followers(m, followers_of(m), p->joint + p->joint_ints - part(m, WELDS) - part(m, MOVED));
+    for (int i = 0; i < p->joint[LINKS]; i++) {
+        const int32_t *link = links_of(m) + 3 * i;
+        if (link[0] < 0 || link[0] >= m->count[TS_M] || link[1] == link[2]) return "a coupling mass is damaged";
+        for (int k = 1; k < 3; k++)
+            if (link[k] < 0 || link[k] >= m->count[TS_N] || (!p->fixed[link[k]] && !ts_is_joined_node(m, link[k])))
+                return "a coupling mass is at a node that is not joined";
+    }
+    return check_followers(m, followers_of(m), links_of(m));
 }
 
 void ts_count_joints(ts_model *m)
@@ -135,6 +149,7 @@ void ts_count_joints(ts_model *m)
     j->dropped = part(m, DROPPED);
     j->count = j->bars + part(m, DISTANCES) + part(m, FOLLOWERS);
     j->rows = j->count - j->dropped;
+    j->links = part(m, LINKS);
 }
 
 static void lay_out_tie(const ts_model *m, ts_tie *tie, int32_t *row, int32_t dropped)
@@ -161,6 +176,7 @@ static const char *lay_out_distances(ts_model *m, int32_t *row)
     for (int i = 0; i < j->bars + part(m, DISTANCES); i++) {
         ts_tie *tie = j->tie + i;
         tie->bar = i < j->bars ? bars_of(m)[i] : -1;
+        tie->heavy = -1;
         const int32_t *ends = i < j->bars ? m->packed.bars + 2 * tie->bar : distances_of(m) + 2 * (i - j->bars);
         tie->count = 2;
         tie->directions = 1;
@@ -184,7 +200,7 @@ static const char *lay_out_followers(ts_model *m, int32_t *row)
     for (int i = j->count - part(m, FOLLOWERS); i < j->count; i++, places += at[1], at += 2 + at[1]) {
         ts_tie *tie = j->tie + i;
         int free = 0;
-        tie->bar = -1;
+        tie->bar = tie->heavy = -1;
         tie->follows = 1;
         tie->count = 1 + at[1];
         tie->directions = m->count[TS_D] - (at[1] - 1);
@@ -198,6 +214,23 @@ static const char *lay_out_followers(ts_model *m, int32_t *row)
         if (!free || !(tie->length > 0.0)) return "a follower cannot move";
     }
     return NULL;
+}
+
+/* A string's mass m that moves like a thin bar's couples its nodes by m/6 [2 1; 1 2], of which the nodes have m/2 each. */
+static void lay_out_links(ts_model *m)
+{
+    ts_joints *j = &m->joint;
+    int32_t none = 0;
+    for (int i = 0; i < j->links; i++) {
+        ts_tie *tie = j->tie + j->count + i;
+        const int32_t *link = links_of(m) + 3 * i;
+        tie->count = 2;
+        tie->bar = -1;
+        tie->heavy = link[0];
+        tie->part = m->packed.joint_values[m->packed.joint_doubles - j->links + i];
+        for (int k = 0; k < 2; k++) tie->node[k] = link[1 + k], j->bears[link[1 + k]] = 1;
+        lay_out_tie(m, tie, &none, 1);
+    }
 }
 
 /* Places of nodes and constraints; a reason why they cannot be, or NULL. */
@@ -222,6 +255,7 @@ const char *ts_lay_out_joints(ts_model *m)
         if (spot >= 0) j->mover[spot] = e, j->pushed[spot] = ts_moved_axes(m, e);
     }
     if ((reason = lay_out_distances(m, &row)) || (reason = lay_out_followers(m, &row))) return reason;
+    lay_out_links(m);
     TS_ASSERT(row == j->rows);
     return NULL;
 }
@@ -231,7 +265,7 @@ const char *ts_lay_out_joints(ts_model *m)
 size_t ts_joint_couples(const ts_model *m, int32_t first, int32_t row, int32_t *couples)
 {
     size_t count = 0;
-    for (int i = 0; i < m->joint.count; i++) {
+    for (int i = 0; i < m->joint.count + m->joint.links; i++) {
         const ts_tie *tie = m->joint.tie + i;
         if (!couples) {
             count += TS_TIE_NODES * (TS_TIE_NODES + 1) / 2;
@@ -252,7 +286,7 @@ size_t ts_joint_couples(const ts_model *m, int32_t first, int32_t row, int32_t *
 static void place_ties(ts_model *m, const ts_pattern *p, int which, int32_t first, int32_t row)
 {
     ts_joints *j = &m->joint;
-    for (int i = 0; i < j->count; i++) {
+    for (int i = 0; i < j->count + j->links; i++) {
         ts_tie *tie = j->tie + i;
         for (int a = 0; a <= tie->count; a++)
             for (int b = 0; b <= tie->count; b++) {

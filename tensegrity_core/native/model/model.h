@@ -147,6 +147,8 @@ typedef struct {
     int32_t row;                /* of the multipliers, -1: it follows from the others */
     int32_t directions;         /* one, or of followers as many as are across */
     int32_t follows;            /* 1: a follower's */
+    int32_t heavy;              /* the string whose mass couples the two nodes, among the M; -1: none */
+    double part;                /* of its mass */
     double coef[TS_TIE_NODES];  /* */
     double length;              /* m; of a follower: of its frame's first edge */
     int32_t place[2]
@@ -160,6 +162,7 @@ typedef struct {
     int32_t nodes, first;   /* joined nodes; the block of the first, the others behind it */
     int32_t bars, count;    /* ties that are bars', which stand first; ties */
     int32_t rows, dropped;  /* ties that have one; that have none */
+    int32_t links;          /* strings' masses that couple nodes: ties behind the others, without a constraint */
     int32_t *node;          /* (nodes) */
     int32_t *held, *pushed; /* (nodes) a bit for each axis along which it is fixed, and of these is moved */
     int32_t *mover;         /* (nodes) moved node, -1: none */

@@ -101,7 +101,7 @@ static void take_model(ts_model *m, arena *a)
     TAKE(m->contact.block, m->count[TS_K]);
     ts_joints *j = &m->joint;
     TAKE(j->node, j->nodes), TAKE(j->held, j->nodes), TAKE(j->pushed, j->nodes), TAKE(j->mover, j->nodes);
-    TAKE(j->spot, N), TAKE(j->ground, N), TAKE(j->bears, N), TAKE(j->tie, j->count);
+    TAKE(j->spot, N), TAKE(j->ground, N), TAKE(j->bears, N), TAKE(j->tie, j->count + j->links);
     TAKE(j->own[0], j->nodes + j->rows), TAKE(j->own[1], j->nodes + j->rows);
 }
 

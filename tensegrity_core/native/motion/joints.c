@@ -26,7 +26,18 @@
 #define ITERATIONS 12
 #define LOCKED 1e5 /* solutions of E that large say that it is all but singular */
 
-static double bar_mass(const ts_sim *sim, int bar) { return bar < 0 ? 0.0 : sim->io.values[sim->m.at[TS_BAR_MASS] + bar]; }
+/* Mass of a bar, or of a string's segment that moves like one. */
+static double mass_of(const ts_sim *sim, const ts_tie *tie)
+{
+    if (tie->bar >= 0) return sim->io.values[sim->m.at[TS_BAR_MASS] + tie->bar];
+    return tie->heavy < 0 ? 0.0 : tie->part * sim->io.values[sim->m.at[TS_STRING_MASS] + tie->heavy];
+}
+
+/* What it has on the diagonal beside what its nodes have already: of a bar m/3, of a string m/3 less the m/2 that are lumped. */
+static double own_mass(const ts_sim *sim, const ts_tie *tie) { return mass_of(sim, tie) / (tie->bar >= 0 ? 3.0 : -6.0); }
+
+/* The ties that have a mass: bars' stand first, strings' last. */
+static const ts_tie *massive(const ts_joints *j, int i) { return j->tie + (i < j->bars ? i : j->count + i - j->bars); }
 static double inverse(const ts_sim *sim, int spot) { return sim->inertia.inverse[sim->m.joint.first + spot]; }
 
 /* Its acceleration where a node does not move by itself: that of a moved node, or 0. */
@@ -55,12 +66,12 @@ void ts_weigh_joints(ts_sim *sim)
     double *own = sim->inertia.inverse + j->first, *laden = sim->inertia.laden + j->first;
     for (int i = 0; i < j->nodes; i++) own[i] = laden[i] = sim->inertia.extra[j->node[i]];
     memset(w->half, 0, sizeof(double) * (size_t)sim->m.count[TS_N]);
-    for (int i = 0; i < j->bars; i++)
+    for (int i = 0; i < j->bars + j->links; i++)
         for (int k = 0; k < 2; k++) {
-            const double mass = bar_mass(sim, j->tie[i].bar);
-            const int spot = j->tie[i].spot[k];
-            w->half[j->tie[i].node[k]] += 0.5 * mass;
-            if (spot >= 0) own[spot] += mass / 3.0, laden[spot] += 0.5 * mass;
+            const ts_tie *tie = massive(j, i);
+            const double weight = tie->bar >= 0 ? 0.5 * mass_of(sim, tie) : 0.0;
+            w->half[tie->node[k]] += weight;
+            if (tie->spot[k] >= 0) own[tie->spot[k]] += own_mass(sim, tie), laden[tie->spot[k]] += weight;
         }
     for (int i = 0; i < j->nodes; i++) own[i] = 1.0 / own[i];
     for (int i = 0; i < j->count; i++) {
@@ -162,9 +173,9 @@ static void assemble(const ts_sim *sim, int which, double *J)
     const int D = sim->m.count[TS_D];
     const ts_pattern *p = which ? &sim->linear.pattern : &sim->joined.pattern;
     memset(J, 0, sizeof(double) * (size_t)p->count * (size_t)(D * D));
-    for (int i = 0; i < j->count; i++) {
+    for (int i = 0; i < j->count + j->links; i++) {
         const ts_tie *tie = j->tie + i;
-        const double mass = bar_mass(sim, tie->bar), *n = sim->joined.across + 2 * i * D;
+        const double mass = mass_of(sim, tie), *n = sim->joined.across + 2 * i * D;
         for (int a = 0; a < 2 && mass > 0.0; a++) {
             if (tie->spot[a] < 0 || tie->spot[1 - a] < 0) continue;
             for (int d = 0; d < D; d++)
@@ -203,7 +214,7 @@ static int factorise(ts_sim *sim, const double *x)
 /* From the masses of the bars that the node in place k has with nodes that do not move by themselves. */
 static double carried(const ts_sim *sim, const ts_tie *tie, int k, int d)
 {
-    return tie->spot[1 - k] >= 0 ? 0.0 : bar_mass(sim, tie->bar) / 6.0 * known_acceleration(sim, tie->node[1 - k], d);
+    return tie->spot[1 - k] >= 0 ? 0.0 : mass_of(sim, tie) / 6.0 * known_acceleration(sim, tie->node[1 - k], d);
 }
 
 /* All accelerations, from those of the joined nodes (a: of the blocks). */
@@ -225,17 +236,20 @@ static void react(ts_sim *sim)
     const int D = sim->m.count[TS_D];
     ts_joint_work *w = &sim->joined;
     memset(w->reaction, 0, sizeof(double) * (size_t)(sim->m.count[TS_N] * D));
-    for (int i = 0; i < j->count; i++) {
-        const ts_tie *tie = j->tie + i;
-        const double mass = bar_mass(sim, tie->bar) / 6.0;
-        for (int k = 0; k < tie->count; k++)
-            for (int d = 0; d < D; d++) {
-                double *sum = w->reaction + tie->node[k] * D + d;
-                if (tie->bar >= 0) *sum += mass * (2.0 * w->a[tie->node[k] * D + d] + w->a[tie->node[1 - k] * D + d]);
-                for (int r = 0; r < tie->directions; r++)
-                    *sum -= tie->coef[k] * w->lambda[2 * i + r] * w->across[(2 * i + r) * D + d];
-            }
+    for (int i = 0; i < j->bars + j->links; i++) {
+        const ts_tie *tie = massive(j, i);
+        const double own = own_mass(sim, tie), coupling = mass_of(sim, tie) / 6.0;
+        for (int k = 0; k < 2; k++)
+            for (int d = 0; d < D; d++)
+                w->reaction[tie->node[k] * D + d] +=
+                    own * w->a[tie->node[k] * D + d] + coupling * w->a[tie->node[1 - k] * D + d];
     }
+    for (int i = 0; i < j->count; i++)
+        for (int k = 0; k < j->tie[i].count; k++)
+            for (int r = 0; r < j->tie[i].directions; r++)
+                for (int d = 0; d < D; d++)
+                    w->reaction[j->tie[i].node[k] * D + d] -=
+                        j->tie[i].coef[k] * w->lambda[2 * i + r] * w->across[(2 * i + r) * D + d];
 }
 
 /* Accelerations of the joined nodes in the place of their forces over their masses, and the multipliers, at the positions and
@@ -256,11 +270,14 @@ void ts_join(ts_sim *sim, double tau, const double *y, double *a)
     }
     memset(rows, 0, sizeof(double) * (size_t)(j->rows * D));
     for (int i = 0; i < j->nodes * D; i++) w->b[i] = own[i], w->force[i] = own[i] / inverse(sim, i / D);
-    for (int i = 0; i < j->count; i++) {
-        const ts_tie *tie = j->tie + i;
-        for (int k = 0; k < 2 && tie->bar >= 0; k++)
+    for (int i = 0; i < j->bars + j->links; i++) {
+        const ts_tie *tie = massive(j, i);
+        for (int k = 0; k < 2; k++)
             for (int d = 0; d < D && tie->spot[k] >= 0; d++)
                 w->b[tie->spot[k] * D + d] -= inverse(sim, tie->spot[k]) * carried(sim, tie, k, d);
+    }
+    for (int i = 0; i < j->count; i++) {
+        const ts_tie *tie = j->tie + i;
         if (tie->row < 0) continue;
         extent(tie, x, 1, e, D);
         if (!tie->follows) rows[tie->row * D] = -product(e, e, D) / tie->length;
@@ -452,10 +469,10 @@ void ts_jump_joints(ts_sim *sim, const double *before)
     }
     if (!factorise(sim, sim->joined.x)) return; /* ts_put_back() will say so */
     missing(sim, 1);
-    for (int i = 0; i < j->bars; i++)
+    for (int i = 0; i < j->bars + j->links; i++)
         for (int k = 0; k < 2; k++) {
-            const ts_tie *tie = j->tie + i;
-            const double share = bar_mass(sim, tie->bar) / 6.0;
+            const ts_tie *tie = massive(j, i);
+            const double share = mass_of(sim, tie) / 6.0;
             const int other = tie->spot[1 - k];
             for (int d = 0; d < D && tie->spot[k] >= 0; d++) {
                 const int known = other < 0 || is_held(j, other, d);
@@ -485,14 +502,15 @@ double ts_joint_energy(const ts_sim *sim, const double *v)
         const double *at = v + (j->first + i) * D;
         sum += 0.5 * sim->inertia.extra[j->node[i]] * product(at, at, D);
     }
-    for (int i = 0; i < j->bars; i++) {
+    for (int i = 0; i < j->bars + j->links; i++) {
+        const ts_tie *tie = massive(j, i);
         const double *end[2];
         for (int k = 0; k < 2; k++) {
-            const int spot = j->tie[i].spot[k], e = m->drive.mover[j->tie[i].node[k]];
+            const int spot = tie->spot[k], e = m->drive.mover[tie->node[k]];
             end[k] = spot >= 0 ? v + (j->first + spot) * D : e >= 0 ? sim->bases.now + (3 * e + 1) * D : at_rest;
         }
-        sum += bar_mass(sim, j->tie[i].bar) / 6.0 *
-               (product(end[0], end[0], D) + product(end[0], end[1], D) + product(end[1], end[1], D));
+        sum += 0.5 * own_mass(sim, tie) * (product(end[0], end[0], D) + product(end[1], end[1], D));
+        sum += mass_of(sim, tie) / 6.0 * product(end[0], end[1], D);
     }
     return sum;
 }
@@ -697,9 +715,9 @@ static void constrain_by_time(ts_sim *sim, double tau, int i, const double *x, i
         const double *v = sim->bases.now + (3 * e + 1) * D, *a = v + D;
         for (int d = 0; d < D; d++) {
             const double jerk = ts_base_jerk(&sim->bases, D, tau, e, d);
-            if (tie->bar >= 0 && tie->spot[1 - k] >= 0)
+            if (k < 2 && mass_of(sim, tie) > 0.0 && tie->spot[1 - k] >= 0)
                 sim->linear.ft[(j->first + tie->spot[1 - k]) * D + d] -=
-                    inverse(sim, tie->spot[1 - k]) * bar_mass(sim, tie->bar) / 6.0 * jerk;
+                    inverse(sim, tie->spot[1 - k]) * mass_of(sim, tie) / 6.0 * jerk;
             if (tie->row < 0) continue;
             double *rows = sim->joined.b + (j->nodes + tie->row) * D;
             if (!tie->follows) rows[0] -= tie->coef[k] * (edd[d] * v[d] + 2.0 * ed[d] * a[d]) / tie->length;
@@ -726,6 +744,7 @@ void ts_joint_jacobian(ts_sim *sim, double tau, const double *y, int exact)
         if (exact && j->tie[i].row >= 0 && !j->tie[i].follows) constrain_rows(sim, j->tie + i, x, D);
         if (exact && sim->m.count[TS_E]) constrain_by_time(sim, tau, i, x, D);
     }
+    for (int i = j->count; exact && i < j->count + j->links && sim->m.count[TS_E]; i++) constrain_by_time(sim, tau, i, x, D);
     hold_rows(sim, tau, D);
     if (!exact) return;
     for (int i = 0; i < n; i++) sim->joined.b[i] = ft[i];
