@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from . import kernel, reference, statics
+from . import kernel, statics
 from .equilibria import linearization, steady_states
 from .equilibria.modes import Mode
 from .equilibria.modes import modes as small_motions
@@ -26,7 +26,6 @@ from .errors import InputError
 from .fields import outputs
 from .interchange import export_scene as export_scene
 from .interchange import import_scene as import_scene
-from .kernel.packing import unknown
 from .model import Inputs, Model, Result, grid
 from .model.components import names, own_names
 from .model.inputs import INPUTS, carried, require_room
@@ -230,8 +229,7 @@ def equilibrium(scene: Scene, forces: Mapping[str, float] | None = None) -> Equi
     model = load(scene)
     force = _constant(model, forces)
     model = steady_states.reached(model, force) if force.any() else statics.settle(model)
-    run = reference.simulate if unknown(model) is not None else kernel.simulate  # only its first row counts
-    result = run(model, driven(model, grid(1e-3, 1e-3), forces or {}))
+    result = kernel.simulate(model, driven(model, grid(1e-3, 1e-3), forces or {}))  # only its first row counts
     data = series.dataset(model, result, loaded=_words(forces)).isel(time=0).drop_dims("transition")
     return Equilibrium(model, data)
 

@@ -17,7 +17,6 @@ import numpy as np
 from .. import laws
 from ..errors import SceneError, SimulationError, TensegrityError
 from ..kernel import Kernel, load_library
-from ..kernel.packing import unknown
 from ..laws.dampers import slopes_at_rest
 from ..model import Model
 
@@ -32,7 +31,7 @@ def require(scene: Scene, model: Model) -> None:
     """Raise SceneError where the model cannot be simulated."""
     load_library()  # that it is missing is no fault of the scene
     _require_rates(scene, model)
-    if unknown(model) is not None:  # the kernel says so when it is asked
+    if model.joint:  # where bars lock, statics still have a meaning; the kernel says so when it is asked
         return
     failure = _refusal(model)
     if failure is None:

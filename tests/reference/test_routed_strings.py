@@ -11,7 +11,6 @@ import pytest
 from tensegrity_core import reference
 from tensegrity_core.equilibria.modes import mass_matrix, modes
 from tensegrity_core.errors import InputError
-from tensegrity_core.kernel import to_bytes
 from tensegrity_core.model import NSH, Actuator, Inputs, Model, grid, held
 from tensegrity_core.model.elements import Beam, Polynomial, Series
 from tensegrity_core.reference import instant
@@ -179,8 +178,6 @@ def test_consistent_mass_of_a_routed_string_is_that_of_thin_bars():
     np.testing.assert_allclose(Structure(model).M, M, rtol=1e-14)
     np.testing.assert_allclose(mass_matrix(model), np.kron(M, np.eye(3)), rtol=1e-14)
     np.testing.assert_allclose(model.node_mass, [0.3, 1.0, 0.7], rtol=1e-14)
-    with pytest.raises(InputError, match='string s1 has a consistent mass matrix, .*write string_mass_matrix = "lumped"'):
-        to_bytes(model)
 
 
 def test_massless_node_of_a_string_is_refused():

@@ -10,7 +10,6 @@ import tensegrity_core as tc
 from tensegrity_core import statics
 from tensegrity_core.cli import main
 from tensegrity_core.equilibria.equilibrium import Equations
-from tensegrity_core.equilibria.linearization import at_rest, linearize
 from tensegrity_core.equilibria.loading import Loading
 from tensegrity_core.equilibria.modes import modes
 from tensegrity_core.equilibria.steady_states import load_sweep
@@ -199,7 +198,7 @@ def test_path_of_a_d_bar():
         assert len(sweep.jumps) == 1 and sweep.nodes[2, 1, 2] < 0.0
 
 
-def test_what_is_not_followed_or_linearised_is_said():
+def test_what_is_not_followed_is_said():
     scene = cross(0.4)
     scene["bars"]["again"] = {"nodes": ["m", "e"], "mass": 1.0}
     with pytest.raises(InputError, match="no path is followed of redundant bars such as be"):
@@ -207,9 +206,6 @@ def test_what_is_not_followed_or_linearised_is_said():
     scene = cross(0.4) | {"weld": [["bw", "be"]], "prestress": {"tension": {"wn": 10.0, "es": 10.0}}}
     with pytest.raises(InputError, match=r"welded bars in a line or plane \(bw, be\) yet; settle"):
         Equations(Loading(build_model(parse_scene(scene))))
-    model = build_model(parse_scene(cross(0.4)))
-    with pytest.raises(InputError, match="bars bw and be share the node m, which linearising does not know yet"):
-        linearize(model, at_rest(model))
 
 
 def test_equilibrium_and_modes_of_the_api():
