@@ -179,10 +179,10 @@ class _Drive:
         times = grid(duration, duration / STEPS)
         known = {"force": force, "rest_length": rest_length, "current": current, "drum_load": drum_load}
         others = {name: _swaying(field, model, turns) for name, field in INPUTS.items() if name not in (*known, *MOTION)}
-        return held(model, times, **known, motion=_motion(model, turns), **others)
+        return held(model, times, **known, motion=_motion(model, turns), ground=_ground(model, turns), **others)
 
 
-#: What moves as a motion of nodes or with a signal's slope, and has no signal of its own.
+#: What moves as a motion of nodes or of the ground, or with a signal's slope, and has no signal of its own.
 MOTION = (*RATES, *RATES.values())
 
 
@@ -211,3 +211,11 @@ def _motion(model: Model, turns: float):
         for axis in model.axes:
             rates[i, axis] = turns * (0.8 + 0.9 * _phase(3 * i + axis))
     return lambda t: (rest + size * np.sin(rates * t), size * rates * np.cos(rates * t))
+
+
+def _ground(model: Model, turns: float):
+    """t -> height and velocity of a ground that moves: a sine that starts where the ground stands."""
+    if model.ground is None or not model.ground.moving:
+        return None
+    size, rate = SHAKING * float(np.max(model.bar_length)), turns * (0.8 + 0.9 * GOLDEN)
+    return lambda t: (size * math.sin(rate * t), size * rate * math.cos(rate * t))
