@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from tensegrity_core import kernel, reference, statics
-from tensegrity_core.errors import SimulationError
-from tensegrity_core.fields import outputs
+from tensegrity_core.errors import SimulationError, TensegrityError
+from tensegrity_core.fields import COUNTS, outputs
 from tensegrity_core.kernel import simulate
+from tensegrity_core.kernel.packing import fnv1a
 from tensegrity_core.kernel.unpacking import from_bytes
 from tensegrity_core.model import grid, held
 from tensegrity_core.scene import load_scene
+from tests.kernel.test_continuous import compare as host_against_reference
 from tests.support import by_hand
 from tests.support.jointed_scenes import random_forces, random_joints
 from tests.support.words import words
@@ -161,6 +163,31 @@ def test_saved_states(seed):
         for _ in range(5):
             sim.step(0.01)
     np.testing.assert_array_equal(*(sim.state for sim in sims))
+
+
+@pytest.mark.parametrize("seed", (3, 10))
+def test_a_host_that_integrates_by_itself(seed):
+    """It reaches the reference, and its completed steps keep the lengths."""
+    model = random_joints(seed)
+    host_against_reference(model, random_forces(model, seed))
+
+
+def test_damaged_joints_are_refused():
+    """Integers of the joints that are wrong are refused, or make another structure: never anything worse."""
+    packed = [kernel.to_bytes(random_joints(seed)) for seed in (10, 12, 18)]
+    random, refused = np.random.default_rng(5), 0
+    for case in range(150):
+        model = bytearray(packed[case % 3])
+        first = 8 + 4 * int(random.integers(len(COUNTS), 200))
+        model[first : first + 4] = int(random.choice([-1, 0, 1, 2, 3, 7, 100, 2**31 - 1])).to_bytes(4, "little", signed=True)
+        body = bytes(model[:-8])
+        try:
+            sim = kernel.Kernel(body + fnv1a(body).to_bytes(8, "little"))
+            sim.initialize()
+            sim.step(1e-3)
+        except TensegrityError:
+            refused += 1
+    assert 50 < refused < 150
 
 
 @pytest.mark.parametrize("seed", range(12))
