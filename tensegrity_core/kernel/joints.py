@@ -16,7 +16,7 @@ DEPENDENT = 1e-9
 
 
 class Joints(NamedTuple):
-    """As integers and numbers; both are empty where a model has no joints.  Their layout stands in native/model/joints.c."""
+    """As integers and numbers; both are empty where a model has no joints.  Their layout stands in native/model/groups.c."""
 
     ints: list[int]
     doubles: list[float]

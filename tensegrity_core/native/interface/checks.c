@@ -2,7 +2,7 @@
 #include "interface/checks.h"
 #include "interface/message.h"
 #include "model/data.h"
-#include "model/joints.h"
+#include "model/groups.h"
 #include "motion/motion.h"
 #include "tensegrity.h"
 

@@ -9,7 +9,6 @@
 #include "methods/joined.h"
 #include "linear/blocks.h"
 #include "linear/complex_blocks.h"
-#include "linear/pairs.h"
 #include "model/data.h"
 
 #include <string.h>

@@ -50,7 +50,7 @@ typedef struct {
     int32_t program_ints, program_doubles; /* sizes */
     int32_t routes, route_ints, shares, two_way_count;
     int32_t method;             /* TS_METHOD_... */
-    const int32_t *joint;       /* (joint_ints) see model/joints.c */
+    const int32_t *joint;       /* (joint_ints) see model/groups.c */
     const double *joint_values; /* (joint_doubles) */
     int32_t joint_ints, joint_doubles;
     uint64_t hash;

@@ -6,7 +6,7 @@
  * nodes (E), strings with an actuator (A), bars with a section (C), strings with a strength (T), with mass (M), programs, routed
  * strings (of each itself, the number of its nodes, the nodes), shares in strings' masses (of each the number of its string among
  * the M, the node), strings that push, nodes that may touch the ground (K), where K is not 0 whether it may pull, joints
- * (model/joints.c), one 0 where the number of int32 is odd; doubles: nodes
+ * (model/groups.c), one 0 where the number of int32 is odd; doubles: nodes
  * (N, D), velocities (N, D), programs, start values of all inputs and parameters, the shares, where K is not 0 the ground's point
  * (D) and unit normal (D), joints; uint64: FNV-1a hash of everything before it.  Programs: force laws as trees in prefix order, see
  * kernel/packing.py. */
@@ -15,7 +15,7 @@
 #include "linear/pairs.h"
 #include "linear/pattern.h"
 #include "model/data.h"
-#include "model/joints.h"
+#include "model/groups.h"
 #include "model/routes.h"
 
 #include <math.h>

@@ -11,9 +11,8 @@
  * delay: no faster, though, than LEAST_REACH allows, nor than an explicit method of fixed step can resolve (least_time).
  * Each contact keeps the formula of its mode over a step, continued past its ends; steps/contacts.c locates these. */
 #include "motion/contact.h"
-#include "linear/pairs.h"
 #include "linear/pattern.h"
-#include "motion/drives.h"
+#include "motion/bases.h"
 #include "motion/kinematics.h"
 
 #include <math.h>

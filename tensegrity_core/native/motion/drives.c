@@ -14,13 +14,11 @@
 #include "linear/pairs.h"
 #include "linear/pattern.h"
 #include "model/data.h"
-#include "motion/contact.h"
+#include "motion/bases.h"
 #include "motion/joints.h"
 #include "motion/kinematics.h"
 
 #include <math.h>
-
-#define DERIVATIVES 5 /* of a moved node's position: from the position itself to the fourth */
 
 static int motor_at(const ts_model *m, int actuator) { return (m->blocks - m->count[TS_A] + actuator) * m->count[TS_D]; }
 
@@ -97,67 +95,6 @@ void ts_weigh(ts_sim *sim)
 
 /* --- moved nodes -------------------------------------------------------------------------------------------------------- */
 
-static double first_nonzero(double a, double b, double c) { return a != 0.0 ? a : b != 0.0 ? b : c; }
-
-/* Position of a moved node and its derivatives at the step's start; a derivative of an input takes the place of the input that
- * is meant to be that. */
-static void polynomial(const ts_model *m, const double *values, const double *slopes, int e, double *out)
-{
-    int D = m->count[TS_D];
-    const double *bends = slopes + m->n_inputs;
-    for (int d = 0; d < D; d++) {
-        int i = e * D + d, x = m->at[TS_NODE_POSITION] + i, v = m->at[TS_NODE_VELOCITY] + i,
-            a = m->at[TS_NODE_ACCELERATION] + i;
-        out[d] = values[x];
-        out[D + d] = first_nonzero(slopes[x], values[v], 0.0);
-        out[2 * D + d] = first_nonzero(bends[x], slopes[v], values[a]);
-        out[3 * D + d] = first_nonzero(bends[v], slopes[a], 0.0);
-        out[4 * D + d] = bends[a];
-        if (m->drive.axes[e] >> d & 1) continue;
-        out[d] = m->packed.node[m->packed.moved[e] * D + d]; /* what inputs say of other axes is nothing */
-        for (int k = 1; k < DERIVATIVES; k++) out[k * D + d] = 0.0;
-    }
-}
-
-/* Derivative number `order` at tau. */
-static double derivative(const double *p, int D, int d, int order, double tau)
-{
-    double sum = 0.0;
-    for (int k = DERIVATIVES - 1; k >= order; k--) sum = sum * tau / (k + 1 - order) + p[k * D + d];
-    return sum;
-}
-
-/* Third derivative of its position. */
-double ts_base_jerk(const ts_bases *bases, int D, double tau, int e, int d)
-{
-    return derivative(bases->start + DERIVATIVES * e * D, D, d, 3, tau);
-}
-
-/* Position and velocity of a moved node at tau from the step's start (D). */
-void ts_base_at(const ts_bases *bases, int D, double tau, int e, double *x, double *v)
-{
-    const double *p = bases->start + DERIVATIVES * e * D;
-    for (int d = 0; d < D; d++) {
-        x[d] = derivative(p, D, d, 0, tau);
-        v[d] = derivative(p, D, d, 1, tau);
-    }
-}
-
-/* All of them, and into the node positions and velocities x (N, 2, D). */
-void ts_move_bases(const ts_model *m, double tau, ts_bases *bases, double *x)
-{
-    int D = m->count[TS_D];
-    for (int e = 0; e < m->count[TS_E]; e++) {
-        const double *p = bases->start + DERIVATIVES * e * D;
-        double *now = bases->now + 3 * e * D, *at = x + 2 * D * m->packed.moved[e];
-        for (int d = 0; d < D; d++) {
-            for (int order = 0; order < 3; order++) now[order * D + d] = derivative(p, D, d, order, tau);
-            at[d] = now[d];
-            at[D + d] = now[D + d];
-        }
-    }
-}
-
 /* The impulse of velocities that differ from those that other inputs left at tau after their step's start; NULL: from those of
  * the model's start. */
 void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, double tau)
@@ -166,16 +103,16 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
     int D = m->count[TS_D];
     double *all = m->joint.nodes ? sim->joined.work : NULL; /* velocities before */
     for (int e = 0; e < m->count[TS_E]; e++) {
-        double before[3 * DERIVATIVES], jump[3], along = 0.0;
-        if (all && values) polynomial(m, values, slopes, e, before);
+        double before[3 * TS_BASE_DERIVATIVES], jump[3], along = 0.0;
+        if (all && values) ts_base_polynomial(m, values, slopes, e, before);
         for (int d = 0; d < D && all; d++)
-            all[e * D + d] = values ? derivative(before, D, d, 1, tau) : m->packed.velocity[m->packed.moved[e] * D + d];
+            all[e * D + d] = values ? ts_base_derivative(before, D, d, 1, tau) : m->packed.velocity[m->packed.moved[e] * D + d];
         if (m->drive.mover_bar[e] < 0) continue;
         int block = m->bar.block[m->drive.mover_bar[e]];
-        const double *c = sim->state.y + block * D, *now = sim->bases.start + (DERIVATIVES * e + 1) * D;
+        const double *c = sim->state.y + block * D, *now = sim->bases.start + (TS_BASE_DERIVATIVES * e + 1) * D;
         const double *start = m->packed.velocity + m->packed.moved[e] * D;
-        if (values) polynomial(m, values, slopes, e, before);
-        for (int d = 0; d < D; d++) jump[d] = now[d] - (values ? derivative(before, D, d, 1, tau) : start[d]);
+        if (values) ts_base_polynomial(m, values, slopes, e, before);
+        for (int d = 0; d < D; d++) jump[d] = now[d] - (values ? ts_base_derivative(before, D, d, 1, tau) : start[d]);
         for (int d = 0; d < D; d++) along += c[d] * jump[d] / (m->block.length[block] * m->block.length[block]);
         double kappa = sim->inertia.laden[block] * sim->inertia.inverse[block];
         for (int d = 0; d < D; d++) sim->state.y[m->nq + block * D + d] -= kappa * (jump[d] - along * c[d]);
@@ -183,12 +120,12 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
     if (all) ts_jump_joints(sim, all);
 }
 
-/* Do moved nodes or the ground move on under the inputs of the last step, while the inputs say where they are at its start? */
+/* Do moved nodes move on under the inputs of the last step, while the inputs say where they are at its start? */
 int ts_inputs_move(const ts_model *m, const ts_io *io)
 {
     for (int i = m->at[TS_NODE_VELOCITY]; i < m->at[TS_NODE_ACCELERATION + 1]; i++)
         if (io->applied[i] != 0.0) return 1;
-    return ts_ground_moves(m, io);
+    return 0;
 }
 
 /* A bar's share in the inertia force, on its block. */
@@ -297,9 +234,8 @@ void ts_drive(ts_sim *sim)
 {
     const ts_model *m = &sim->m;
     for (int e = 0; e < m->count[TS_E]; e++)
-        polynomial(m, sim->io.values, sim->io.slopes, e, sim->bases.start + DERIVATIVES * e * m->count[TS_D]);
+        ts_base_polynomial(m, sim->io.values, sim->io.slopes, e, sim->bases.start + TS_BASE_DERIVATIVES * e * m->count[TS_D]);
     ts_move_bases(m, 0.0, &sim->bases, sim->strings.x);
-    ts_raise_ground(sim);
     for (int a = 0; a < m->count[TS_A]; a++) {
         double r = value(sim, TS_DRUM_RADIUS, a);
         sim->inertia.inverse[m->blocks - m->count[TS_A] + a] = r * r / value(sim, TS_MOTOR_INERTIA, a);
@@ -364,8 +300,7 @@ void ts_drive_jacobian(ts_sim *sim, double tau)
         if (m->drive.mover_bar[e] < 0) continue;
         int block = m->bar.block[m->drive.mover_bar[e]];
         double w = -sim->inertia.laden[block] * sim->inertia.inverse[block];
-        for (int d = 0; d < D; d++)
-            sim->linear.ft[block * D + d] += w * derivative(sim->bases.start + DERIVATIVES * e * D, D, d, 3, tau);
+        for (int d = 0; d < D; d++) sim->linear.ft[block * D + d] += w * ts_base_jerk(&sim->bases, D, tau, e, d);
     }
     for (int a = 0; a < m->count[TS_A]; a++) {
         int at = motor_at(m, a), block = at / D;

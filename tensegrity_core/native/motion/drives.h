@@ -8,9 +8,6 @@
 
 void ts_drive(ts_sim *sim);
 void ts_weigh(ts_sim *sim);
-void ts_move_bases(const ts_model *m, double tau, ts_bases *bases, double *x);
-double ts_base_jerk(const ts_bases *bases, int D, double tau, int mover, int d);
-void ts_base_at(const ts_bases *bases, int D, double tau, int mover, double *x, double *v);
 void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, double tau);
 void ts_wind(const ts_model *m, const double *y, ts_rest *rest);
 double ts_wound(const ts_model *m, const double *y, int string);

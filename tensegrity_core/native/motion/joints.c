@@ -11,11 +11,10 @@
  *
  * Constraints that follow from others have no multiplier; ts_joint_outputs() finds the multipliers of least norm. */
 #include "motion/joints.h"
-#include "invariants.h"
 #include "linear/blocks.h"
 #include "linear/pattern.h"
 #include "model/data.h"
-#include "motion/drives.h"
+#include "motion/bases.h"
 
 #include <float.h>
 #include <math.h>

@@ -19,6 +19,7 @@
 #include "laws/curves.h"
 #include "linear/pairs.h"
 #include "model/data.h"
+#include "motion/bases.h"
 #include "motion/contact.h"
 #include "motion/drives.h"
 #include "motion/joints.h"
@@ -103,7 +104,9 @@ void ts_prepare(ts_sim *sim)
     for (int b = 0; b < m->blocks; b++)
         for (int d = 0; d < D; d++) sim->loads.with_gravity[b * D + d] += sim->inertia.laden[b] * sim->inertia.gravity[d];
     prepare_rest_lengths(m, &sim->io, &sim->rest);
-    if (m->drive.any) ts_drive(sim);
+    if (!m->drive.any) return;
+    ts_drive(sim);
+    ts_raise_ground(sim);
 }
 
 /* Rest length of a string at tau from the step's start (m). */

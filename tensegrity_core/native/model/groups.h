@@ -1,6 +1,6 @@
 /* Bars that share nodes, nodes that are fixed along single axes, welded bars. */
-#ifndef TENSEGRITY_MODEL_JOINTS_H
-#define TENSEGRITY_MODEL_JOINTS_H
+#ifndef TENSEGRITY_GROUPS_H
+#define TENSEGRITY_GROUPS_H
 
 #include "model/data.h"
 #include "model/model.h"

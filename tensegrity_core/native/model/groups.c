@@ -6,14 +6,12 @@
  * number of its frame's nodes, these; of each coupling mass its string among the M and the two nodes; of each moved node the bits of the axes along which it is moved; welds, which are the
  * distances' and followers' reason, of each its number of bars, these; doubles: followers' places in their frames,
  * parts of the strings' masses. */
-#include "model/joints.h"
+#include "model/groups.h"
 #include "invariants.h"
-#include "linear/pairs.h"
 #include "linear/pattern.h"
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum { BARS, NODES, DISTANCES, DROPPED, FOLLOWERS, MOVED, WELDS, LINKS, HEAD };
 
