@@ -172,6 +172,18 @@ def test_a_host_that_integrates_by_itself(seed):
     host_against_reference(model, random_forces(model, seed))
 
 
+def test_redundant_bars():
+    """A braced panel, two corners of it fixed: bar forces and reactions are those of least norm."""
+    nodes = np.array([[0, 0, 0], [1, 0, 0.1], [1.1, 0, 1], [0, 0, 0.9], [1.7, 0, 1.6]])
+    bars = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3), (2, 4)]
+    model = framed(nodes, [0, 1], bars[1:], axes=(0, 2), bar_mass=[1.0, 2.0, 0.5, 1.5, 1.0, 0.7])
+    assert model.redundant.any()
+    inputs = held(model, grid(0.5, 0.1))
+    result = simulate(model, inputs)
+    assert max(errors(result, reference.simulate(model, inputs)).values()) < 1e-8
+    assert np.ptp(result.bar_force[0]) > 1.0
+
+
 def test_damaged_joints_are_refused():
     """Integers of the joints that are wrong are refused, or make another structure: never anything worse."""
     packed = [kernel.to_bytes(random_joints(seed)) for seed in (10, 12, 18)]

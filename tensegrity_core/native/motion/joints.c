@@ -599,6 +599,7 @@ void ts_joint_outputs(ts_sim *sim)
     const int D = m->count[TS_D];
     double *values = sim->io.values;
     spread(sim, sim->start.f + m->nq);
+    least_norm(sim); /* between fixed nodes it decides on reactions, too */
     react(sim);
     for (int n = 0; n < m->count[TS_N]; n++)
         for (int d = 0; d < D && j->ground[n] >= 0; d++) {
@@ -607,7 +608,6 @@ void ts_joint_outputs(ts_sim *sim)
             values[m->at[TS_REACTION] + j->ground[n] * D + d] =
                 holds ? sim->joined.reaction[n * D + d] - sim->strings.node_force[n * D + d] : 0.0;
         }
-    least_norm(sim);
     for (int i = 0; i < j->bars; i++) values[m->at[TS_BAR_FORCE] + j->tie[i].bar] = -sim->joined.lambda[2 * i];
 }
 
