@@ -21,8 +21,8 @@ else:  # a script of its own, see outside.beside
 
 #: Relative tolerance of CVODE; absolute: times the nominal values of the states.
 TOLERANCE = 1e-10
-#: The same where bars share nodes. Their states are more than the motions, and what a solver errs across the bars' lengths takes
-#: or gives energy: 8e-7 of it at 1e-10, in 0.2 s.
+#: The same where bars share nodes. Their states are more than the motions, and what a solver errs across the bars' lengths
+#: takes or gives energy: 8e-7 of it at 1e-10, in 0.2 s.
 JOINTED_TOLERANCE = 1e-12
 #: Steps of CVODE from one communication point to the next, at most.
 STEPS = 200_000

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 
+import tensegrity_core as tc
 from fmu_src.packing.native_fmu import pack_native_fmu
 from fmu_src.packing.pack import pack_python_fmu
 from fmu_src.validation import validate
@@ -119,6 +120,12 @@ def test_both_runtimes_give_the_same(name, both, tmp_path):
         right = getattr(expected, field)
         np.testing.assert_allclose(found[field], right, rtol=1e-11, atol=1e-11 * max(1.0, np.abs(right).max()), err_msg=field)
     assert events == expected.transitions
+
+
+@pytest.mark.parametrize("made", ["python", "native, FMI 3.0"])
+@pytest.mark.parametrize("name", ["motes_double_pendulum", "stedy_dbar", "tsg_jansen_leg"])
+def test_published_structures_follow_the_reference(name, made, tmp_path):
+    assert failures(tc.load(f"tests/structures/{name}.toml"), tmp_path, made) == []
 
 
 def unpacked(fmu, folder):
