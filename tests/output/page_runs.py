@@ -15,7 +15,7 @@ import numpy as np
 from tensegrity_core.fields import FIELDS, METHODS, STATS
 from tensegrity_core.kernel import Kernel, input_rows, simulate, to_bytes
 from tensegrity_core.model import Model, Result
-from tensegrity_core.model.components import flattened
+from tensegrity_core.model.components import flattened, present
 from tensegrity_core.output.page import bundle
 from tensegrity_core.output.page.made import folder_of_parts
 from tensegrity_core.scene import builtin_scenes
@@ -90,13 +90,14 @@ def side_by_side(models: list[Model], seconds: float, folder: Path, tolerance: f
 
 
 def differences(run: Run) -> dict[str, float]:
-    """Largest difference of each output, in its unit."""
+    """Largest difference of each output, in its unit, over the values that are variables."""
     found = {}
     for field in FIELDS:
         if field.role == "output" and run.values[field.name].size:
             known = run.native.outputs[field.name]
             known = flattened(field, run.model, known) if field.shape else known[:, None]
-            found[field.name] = float(np.max(np.abs(run.values[field.name] - known)))
+            off = np.abs(run.values[field.name] - known)[:, present(field, run.model)]
+            found[field.name] = float(np.max(off, initial=0.0))
     return found
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import tensegrity_core as tc
 from fmu_src import builds
 from fmu_src.packing.native_fmu import pack_native_fmu
 from tensegrity_core.cli import main
@@ -25,6 +26,8 @@ from tensegrity_core.scene import builtin_scenes
 from tests.output import page_pictures
 from tests.output.page_runs import differences, side_by_side
 from tests.support import push, scene
+from tests.support.driven_scenes import built
+from tests.support.jointed_scenes import SLIDER
 from tests.support.tools import PAGE
 
 LIMIT = 1_500_000  # bytes of a page
@@ -45,6 +48,14 @@ def test_the_pages_kernel_gives_the_librarys_trajectories(runs):
         found = differences(run)
         assert found["position"] == 0.0 and not any(found.values()), (run.model.name, run.method, found)
         assert run.told["stats"] == [run.native.stats[name] for name in STATS], (run.model.name, run.method)
+
+
+@PAGE
+def test_the_pages_kernel_knows_joints(made_page, tmp_path):
+    """A square of hinged bars, and nodes that are fixed and moved along single axes, under all methods: to the last bit."""
+    for run in side_by_side([tc.load("tests/structures/stedy_dbar.toml"), built(SLIDER)], 0.1, tmp_path):
+        found = differences(run)
+        assert found["position"] == 0.0 and not any(found.values()), (run.model.name, run.method, found)
 
 
 @PAGE
