@@ -133,7 +133,7 @@ static int moves_in(const view *v)
 }
 
 /* The mode of a contact by its state as it stands, where that jumped or was not watched.  f: the derivative there under the present
- * modes; may_stick: where slipping would end by it. */
+ * modes, or NULL; may_stick: where slipping would end by it. */
 static void place_anew(ts_sim *sim, double tau, int k, const double *f, int may_stick)
 {
     const int before = sim->state.mode[k];
@@ -154,12 +154,21 @@ static void place_anew(ts_sim *sim, double tau, int k, const double *f, int may_
     note(sim, tau, k, before);
 }
 
+/* Is a contact apart, but at the ground's surface, and not on its way out? */
+static int rests_above(const ts_sim *sim, int k)
+{
+    const view v = look(sim, 0.0, k, sim->state.y, NULL);
+    return sim->state.mode[k] == TS_APART && fabs(v.touch.delta) <= 4.0 * v.guard[0] && v.touch.rate >= 0.0;
+}
+
 /* Modes of all contacts at the start of a step whose inputs jumped.  What bristles lose that give way at once counts with the jump
  * of stored energy as the work of inputs. */
 void ts_place_contacts(ts_sim *sim)
 {
-    ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
-    for (int k = 0; k < sim->m.count[TS_K]; k++) place_anew(sim, 0.0, k, sim->start.f, 0);
+    int by_acceleration = 0;
+    for (int k = 0; k < sim->m.count[TS_K]; k++) by_acceleration |= rests_above(sim, k);
+    if (by_acceleration) ts_rhs(sim, 0.0, sim->state.y, sim->start.f);
+    for (int k = 0; k < sim->m.count[TS_K]; k++) place_anew(sim, 0.0, k, by_acceleration ? sim->start.f : NULL, 0);
 }
 
 /* Book what a change of modes took of the stored energy; where transitions are located that is round-off. */
