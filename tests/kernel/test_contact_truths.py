@@ -1,4 +1,7 @@
-"""Contact with the ground: kernel and reference, two programs that share the scene's data only."""
+"""Contact with the ground: kernel and reference, two programs that share the scene's data only.
+
+Random scenes are seeded: `python -m tests.kernel.test_contact_truths COUNT` compares COUNT of them.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ from tensegrity_core.kernel.run import simulate
 from tensegrity_core.model import Contact, Ground, Inputs, grid, held
 from tensegrity_core.scene import load_scene
 from tensegrity_core.statics import build_model
+from tests.support.ground_scenes import random_drives, random_ground
 from tests.support.touching import ledger, mass, moving, rod, thrown
+from tests.support.words import words
 
 
 def _fallen():
@@ -98,3 +103,28 @@ def test_a_prism_falls():
     truth = compare(model, inputs)
     touched = {t.contact for t in truth.transitions if t.contact >= 0}
     assert len(touched) >= 3 and any(t.contact < 0 for t in truth.transitions)
+
+
+def apart(seed: int, joints: bool) -> tuple[float, float, int]:
+    """Of a random scene: largest difference of positions, m; error of the ledger; transitions, equal in number."""
+    model = random_ground(seed, joints)
+    inputs = random_drives(model, seed, 3)
+    truth, found = reference.simulate(model, inputs), simulate(model, inputs, "auto", 1e-11)
+    assert len(_lasting(found)) == len(_lasting(truth))
+    return float(np.abs(found.position - truth.position).max()), ledger(found), len(found.transitions)
+
+
+@pytest.mark.parametrize("joints", [False, True])
+def test_random_scenes(joints):
+    """Bars, strings, masses and drag on planes that move; with joints and nodes that are held along an axis."""
+    rows = [apart(seed, joints) for seed in range(4, 8)]
+    assert max(row[0] for row in rows) < 1e-8
+    assert max(row[1] for row in rows) < 1e-8
+    assert sum(row[2] for row in rows) > 20
+
+
+if __name__ == "__main__":
+    (count,) = words(__doc__, int)
+    found = [apart(seed, joints) for seed in range(count) for joints in (False, True)]
+    differences, gaps, transitions = zip(*found)
+    print(f"{2 * count} scenes, {sum(transitions)} transitions: {max(differences):.1e} m, ledger {max(gaps):.1e}")
