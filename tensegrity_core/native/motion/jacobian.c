@@ -131,10 +131,10 @@ ALWAYS_INLINE void add_line(ts_sim *sim, int i, const double *Kq, const double *
 typedef struct {
     double *g, *h;     /* (blocks, D) derivatives of its length by the blocks that it hangs on, and of the length's rate */
     double rate, bend; /* of its length through moved nodes alone: first derivative, and that of the rate */
-} along;
+} route_slopes;
 
 /* One segment's part of g and h, and how it turns: T (I - u u')/xi is its Kq. */
-ALWAYS_INLINE void add_segment(ts_sim *sim, int line, double tension, const int exact, along *sum, const int D)
+ALWAYS_INLINE void add_segment(ts_sim *sim, int line, double tension, const int exact, route_slopes *sum, const int D)
 {
     const ts_model *m = &sim->m;
     const int lanes = m->lanes;
@@ -164,7 +164,7 @@ ALWAYS_INLINE void add_segment(ts_sim *sim, int line, double tension, const int 
 
 /* An actuator that winds a routed string, as wind(). */
 ALWAYS_INLINE void wind_route(ts_sim *sim, const ts_route *route, double slope, double damping, double by_time,
-                              const along *sum, const int exact, const int D)
+                              const route_slopes *sum, const int exact, const int D)
 {
     const ts_model *m = &sim->m;
     const int motor = m->blocks - m->count[TS_A] + m->drive.winder[route->string];
@@ -191,7 +191,7 @@ ALWAYS_INLINE void add_route(ts_sim *sim, double tau, const ts_route *route, con
     const ts_model *m = &sim->m;
     const int i = route->string, n = route->blocks;
     if (!sim->on.taut[i] || sim->state.clipped[i]) return;
-    along sum = {sim->linear.slopes, sim->linear.slopes + n * D, 0.0, 0.0};
+    route_slopes sum = {sim->linear.slopes, sim->linear.slopes + n * D, 0.0, 0.0};
     double damping, slope = tension_slopes(sim, i, exact, &damping);
     memset(sum.g, 0, 2 * sizeof(double) * (size_t)(n * D));
     for (int k = route->first; k < route->first + route->count; k++)

@@ -167,9 +167,9 @@ static double contact_excess_at(const step *s, double theta, int which, double *
             ts_project_block(m, sim->attempt.y, blocks[i]);
         }
     }
-    double excess = ts_contact_excess(sim, s->tau + theta * s->h, k, watch, sim->attempt.y, f, &rate);
+    double past = ts_contact_excess(sim, s->tau + theta * s->h, k, watch, sim->attempt.y, f, &rate);
     *slope = s->h * rate;
-    return excess;
+    return past;
 }
 
 /* The excess and, for a crossing of a piece's end, its derivative by theta (else 0). */
