@@ -30,7 +30,7 @@ from tests.support.tools import CROSS
 
 SCENE, STEPS, STEP, WAVE = "three_bar_nsh", 200, 0.01, 200.0
 HOST = Path(__file__).parent / "step_host.c"
-LIMIT = 300_000  # bytes, of an FMU for one platform
+LIMIT = 450_000  # bytes of an FMU for one platform: joints, ground and routed strings came, for 0.1 MB
 #: Functions of FMI 2.0 for co-simulation; for model exchange, too; of FMI 3.0.
 FUNCTIONS = {"python": {"fmi2": 34}, "native": {"fmi2": 34 + 10, "fmi3": 75}}
 LINKER = {"_mh_dylib_header", "__dso_handle"}  # what macOS's linkers add by themselves
