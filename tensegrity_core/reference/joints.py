@@ -109,7 +109,10 @@ class Joints:
         )
 
     def solve(self, W, right) -> np.ndarray:
-        """lambda (m,) of least norm with W lambda = right.  Raises Singular."""
+        """lambda (m,) of least norm with W lambda = right; not finite where W is not, as in a stage of a step that is far
+        too long.  Raises Singular."""
+        if not np.isfinite(W).all():
+            return np.full(len(right), np.nan)
         found = np.zeros(len(right))
         felt, scaled, scale = self._scaled(W)
         if not self.rank:

@@ -14,7 +14,7 @@ import pytest
 from tensegrity_core import reference
 from tensegrity_core.kernel.run import simulate
 from tensegrity_core.model import Contact, Ground, Inputs, grid, held
-from tensegrity_core.scene import load_scene
+from tensegrity_core.scene import load_scene, parse_scene
 from tensegrity_core.statics import build_model
 from tests.support.ground_scenes import random_drives, random_ground
 from tests.support.touching import ledger, mass, moving, rod, thrown
@@ -103,6 +103,16 @@ def test_a_prism_falls():
     truth = compare(model, inputs)
     touched = {t.contact for t in truth.transitions if t.contact >= 0}
     assert len(touched) >= 3 and any(t.contact < 0 for t in truth.transitions)
+
+
+def test_three_bars_that_meet_and_no_strings():
+    """A step that the reference tries there is far too long: it takes it back."""
+    nodes = {"a": (0.0, 0.0, 0.6), "b": (0.5, 0.0, 0.2), "c": (-0.3, 0.4, 0.2), "d": (-0.3, -0.4, 0.25)}
+    bars = {f"b{end}": {"nodes": ("a", end), "mass": mass} for end, mass in (("b", 1.0), ("c", 0.7), ("d", 0.9))}
+    table = {"name": "tripod", "start": "released", "nodes": nodes, "bars": bars}
+    table["ground"] = {"stiffness": 2e4, "damping": 0.2, "friction": 0.4}
+    model = build_model(parse_scene(table))
+    compare(model, held(model, grid(0.5, 0.02)))
 
 
 def apart(seed: int, joints: bool) -> tuple[float, float, int]:
