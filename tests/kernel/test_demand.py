@@ -18,8 +18,19 @@ from tests.support.words import words
 
 #: What each group of outputs holds.
 FIELDS_OF = {
-    "motion": ("position", "velocity", "wound_rest_length", "wound_rest_length_rate", "motor_speed", "snapped"),
-    "forces": ("string_force", "elastic_force", "string_length", "bar_force", "reaction"),
+    "motion": (
+        "position",
+        "velocity",
+        "wound_rest_length",
+        "wound_rest_length_rate",
+        "motor_speed",
+        "snapped",
+        "contact_sticking",
+    ),
+    "forces": (
+        *("string_force", "elastic_force", "string_length", "bar_force", "reaction"),
+        *("contact_normal", "contact_force", "bar_utilisation", "string_utilisation"),
+    ),
     "energies": ("kinetic", "potential", "elastic"),
     "work": ("dissipated", "input_work", "throughput"),
 }
