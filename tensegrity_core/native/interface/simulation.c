@@ -8,7 +8,6 @@
 #include "laws/curves.h"
 #include "model/data.h"
 #include "model/packed.h"
-#include "motion/contact.h"
 #include "motion/drives.h"
 #include "motion/joints.h"
 #include "motion/motion.h"
@@ -207,7 +206,7 @@ static int inputs_move(const ts_sim *sim)
     const double *rate = sim->io.applied + sim->m.at[TS_REST_LENGTH_RATE];
     for (int i = 0; i < sim->m.count[TS_S]; i++)
         if (rate[i] != 0.0) return 1;
-    return ts_inputs_move(&sim->m, &sim->io) || ts_ground_moves(&sim->m, &sim->io);
+    return ts_inputs_move(&sim->m, &sim->io);
 }
 
 static int wound_up(ts_sim *sim)

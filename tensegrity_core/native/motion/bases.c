@@ -1,7 +1,9 @@
-/* Where moved nodes are, and how they move, over a step. */
+/* Where moved nodes and the ground are, and how they move, over a step. */
 #include "motion/bases.h"
 #include "model/data.h"
 #include "model/model.h"
+
+#include <string.h>
 
 static double first_nonzero(double a, double b, double c) { return a != 0.0 ? a : b != 0.0 ? b : c; }
 
@@ -62,4 +64,20 @@ void ts_move_bases(const ts_model *m, double tau, ts_bases *bases, double *x)
             at[D + d] = now[D + d];
         }
     }
+}
+
+/* Height of the ground and its derivatives at the step's start, likewise. */
+void ts_raise_ground(ts_sim *sim)
+{
+    const ts_model *m = &sim->m;
+    const double *values = sim->io.values, *slopes = sim->io.slopes, *bends = slopes + m->n_inputs;
+    const int h = m->at[TS_GROUND_HEIGHT], v = m->at[TS_GROUND_VELOCITY], a = m->at[TS_GROUND_ACCELERATION];
+    double *start = sim->ground.start;
+    memset(start, 0, sizeof sim->ground.start);
+    if (!m->count[TS_W]) return;
+    start[0] = values[h];
+    start[1] = first_nonzero(slopes[h], values[v], 0.0);
+    start[2] = first_nonzero(bends[h], slopes[v], values[a]);
+    start[3] = first_nonzero(bends[v], slopes[a], 0.0);
+    start[4] = bends[a];
 }

@@ -1,4 +1,4 @@
-/* Where moved nodes are, and how they move, over a step. */
+/* Where moved nodes and the ground are, and how they move, over a step. */
 #ifndef TENSEGRITY_BASES_H
 #define TENSEGRITY_BASES_H
 
@@ -12,5 +12,6 @@ double ts_base_derivative(const double *p, int D, int d, int order, double tau);
 double ts_base_jerk(const ts_bases *bases, int D, double tau, int e, int d);
 void ts_base_at(const ts_bases *bases, int D, double tau, int e, double *x, double *v);
 void ts_move_bases(const ts_model *m, double tau, ts_bases *bases, double *x);
+void ts_raise_ground(ts_sim *sim);
 
 #endif

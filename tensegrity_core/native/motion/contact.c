@@ -39,32 +39,6 @@ double ts_reach_per_force(const ts_sim *sim, int k)
 
 /* --- the ground's motion ------------------------------------------------------------------------------------------------ */
 
-static double first_nonzero(double a, double b, double c) { return a != 0.0 ? a : b != 0.0 ? b : c; }
-
-/* Height and its derivatives at the step's start; a derivative of an input takes the place of the input that is meant to be that. */
-void ts_raise_ground(ts_sim *sim)
-{
-    const ts_model *m = &sim->m;
-    const double *values = sim->io.values, *slopes = sim->io.slopes, *bends = slopes + m->n_inputs;
-    const int h = m->at[TS_GROUND_HEIGHT], v = m->at[TS_GROUND_VELOCITY], a = m->at[TS_GROUND_ACCELERATION];
-    double *start = sim->ground.start;
-    memset(start, 0, sizeof sim->ground.start);
-    if (!m->count[TS_W]) return;
-    start[0] = values[h];
-    start[1] = first_nonzero(slopes[h], values[v], 0.0);
-    start[2] = first_nonzero(bends[h], slopes[v], values[a]);
-    start[3] = first_nonzero(bends[v], slopes[a], 0.0);
-    start[4] = bends[a];
-}
-
-/* Does it move on under the inputs of the last step? */
-int ts_ground_moves(const ts_model *m, const ts_io *io)
-{
-    for (int i = m->at[TS_GROUND_VELOCITY]; i < m->at[TS_GROUND_ACCELERATION + 1]; i++)
-        if (io->applied[i] != 0.0) return 1;
-    return 0;
-}
-
 /* Height, rate and acceleration at tau from the step's start. */
 static void height_at(const double *start, double tau, double now[3])
 {

@@ -9,8 +9,6 @@
 /* m, length of the vectors that hold directions of slip: as errors of places, those of a deflection of this length count. */
 #define TS_DIRECTION 1e-2
 
-void ts_raise_ground(ts_sim *sim);
-int ts_ground_moves(const ts_model *m, const ts_io *io);
 double ts_contact_parameter(const ts_sim *sim, int field, int contact);
 int ts_ground_pulls(const ts_model *m);
 int ts_has_friction(const ts_sim *sim, int contact);

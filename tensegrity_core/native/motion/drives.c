@@ -120,10 +120,12 @@ void ts_jump_bases(ts_sim *sim, const double *values, const double *slopes, doub
     if (all) ts_jump_joints(sim, all);
 }
 
-/* Do moved nodes move on under the inputs of the last step, while the inputs say where they are at its start? */
+/* Do moved nodes or the ground move on under the inputs of the last step, while the inputs say where they are at its start? */
 int ts_inputs_move(const ts_model *m, const ts_io *io)
 {
     for (int i = m->at[TS_NODE_VELOCITY]; i < m->at[TS_NODE_ACCELERATION + 1]; i++)
+        if (io->applied[i] != 0.0) return 1;
+    for (int i = m->at[TS_GROUND_VELOCITY]; i < m->at[TS_GROUND_ACCELERATION + 1]; i++)
         if (io->applied[i] != 0.0) return 1;
     return 0;
 }
