@@ -15,7 +15,7 @@ from ..quantities import number
 from .joints import packed_joints
 
 #: Begins the bytes of a model, and says their layout.
-MAGIC = b"TSMODEL2"
+MAGIC = b"TSMODEL3"
 #: Laws of beams in series by name; a law's place is its number in the kernel.
 SERIES_LAWS = ("single_valued", "hysteretic")
 

@@ -23,7 +23,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAGIC "TSMODEL2"
+#define MAGIC "TSMODEL3"
 #define HEADER_INTS (TS_COUNTS + 11)
 
 uint64_t ts_fnv(const void *bytes, size_t size)
