@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import machine
 from benchmarks.harness.page import COLOURS, MARKS, Page, new_figure, numbers, plain, processor_seconds, rendered, thinned
+from fmu_src.validation.sensitivity import match
 from tensegrity_core import api, reference
 from tensegrity_core.laws.beam import beam_extrema
 from tensegrity_core.model import Model, grid, held
@@ -104,30 +105,14 @@ def agreement(scale: float, duration: float) -> dict:
     model = dropped(scale)
     inputs = held(model, grid(duration, 0.01))
     ours, theirs = api.simulate(model, duration=duration, step=0.01).result, reference.simulate(model, inputs)
-    mine, other = lasting(ours.transitions), lasting(theirs.transitions)
+    found = match(ours.transitions, theirs.transitions)
     return {
         "duration": duration,
         "difference": np.abs(ours.position - theirs.position).max(),
-        "transitions": len(mine),
-        "same": [what(one) for one in mine] == [what(one) for one in other],
-        "moments": max(abs(a.time - b.time) for a, b in zip(mine, other)),
+        "transitions": len(found.pairs),
+        "alone": len(found.ours) + len(found.theirs),
+        "moments": max(abs(a.time - b.time) for a, b in found.pairs),
     }
-
-
-def what(one) -> tuple[int, int, int, int]:
-    return one.string, one.contact, one.before, one.after
-
-
-def lasting(transitions: list) -> list:
-    """Transitions in order of time and place, without what is taken back at the same moment."""
-    kept: list = []
-    for one in transitions:
-        last = next((k for k in reversed(kept) if k[:3] == (one.time, one.string, one.contact)), None)
-        if last is not None and last[3].before == one.after and last[3].after == one.before:
-            kept.remove(last)
-        else:
-            kept.append((one.time, one.string, one.contact, one))
-    return [one for *_, one in sorted(kept, key=lambda k: (round(k[0], 9), k[1], k[2]))]
 
 
 # --- rolled ------------------------------------------------------------------------------------------------------

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import redraw
 from benchmarks.article import equilibrium_paths
 from benchmarks.harness import machine, problems
 from benchmarks.peers import article, native, scipy_compiled, toolchain
 from benchmarks.peers.ladder import Ladder, Run, too_long
-from benchmarks.speed import fmu_speed, growth, method_choice, real_time, scene_costs, speed, unused_parts
+from benchmarks.speed import fmu_speed, growth, real_time, scene_costs
 from benchmarks.work_precision import data, figures, nsh, report, targets
 from benchmarks.work_precision import run as work_precision
 from tensegrity_core import kernel
@@ -317,24 +317,10 @@ def test_growth_exponents():
     assert growth.last_exponent(n, np.where(n < 300.0, n, 3.0 * n)) == pytest.approx(1.0 + np.log2(3.0))
 
 
-#: Page, its data, how the data are read, and what renders them.
-PAGES = [
-    ("work-precision.md", "work_precision.json", data.load, report.page),
-    ("growth.md", "growth.json", lambda path: json.loads(path.read_text(encoding="utf-8")), growth.report),
-    ("equilibrium-paths.md", "equilibrium_paths.json", lambda path: json.loads(path.read_bytes()), equilibrium_paths.report),
-    ("scene-costs.md", "scene_costs.json", lambda path: json.loads(path.read_text(encoding="utf-8")), scene_costs.report),
-    ("method-choice.md", "method_choice.json", lambda path: json.loads(path.read_text(encoding="utf-8")), method_choice.report),
-    ("unused-parts.md", "unused_parts.json", lambda path: json.loads(path.read_text(encoding="utf-8")), unused_parts.report),
-    ("speed.md", "speed.json", lambda path: json.loads(path.read_text(encoding="utf-8")), speed.report),
-    ("real-time.md", "real_time.json", lambda path: json.loads(path.read_text(encoding="utf-8")), real_time.report),
-    ("fmu-speed.md", "fmu_speed.json", lambda path: json.loads(path.read_text(encoding="utf-8")), fmu_speed.report),
-]
-
-
-@pytest.mark.parametrize(("page", "stored", "read", "render"), PAGES, ids=[page for page, *_ in PAGES])
-def test_page_comes_from_its_data(page, stored, read, render):
+@pytest.mark.parametrize("page", redraw.pages(), ids=lambda page: page.file)
+def test_page_comes_from_its_data(page):
     docs = ROOT / "docs"
-    assert render(read(docs / stored)) == (docs / page).read_text(encoding="utf-8")
+    assert page.report(page.read(docs / f"{page.name}.json")) == (docs / page.file).read_text(encoding="utf-8")
 
 
 def test_a_changed_tree_is_said(monkeypatch, capsys):
